@@ -1,0 +1,1 @@
+"""4D point clouds of any articulated object become rearticulable kinematic models."""

@@ -1,0 +1,11 @@
+"""The two kinds of failure a user can meet, each with its exit code."""
+
+from __future__ import annotations
+
+
+class InputError(ValueError):
+    """The input cannot be used: says which file, which frame, what is wrong and what would be right (exit code 2)."""
+
+
+class FitError(RuntimeError):
+    """The input was fine but the work could not be finished (exit code 1)."""

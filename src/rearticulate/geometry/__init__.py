@@ -1,0 +1,1 @@
+"""Rigid motions, screws, kinematic trees, neighbours. Knows nothing of fitting."""

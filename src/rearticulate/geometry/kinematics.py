@@ -1,0 +1,64 @@
+"""Kinematic trees as flat arrays: `parent` (parents before children, -1 at the root) and one twist a joint.
+
+One formula for every joint type: T_world_part[j] = T_world_part[parent[j]] exp(q_j twist_j) (paper eq. 2 and 3).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rearticulate.geometry.se3 import adjoint, exp_se3
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def forward_kinematics(parent: IntArray, twists: Array, q: Array, T_world_root: Array | None = None) -> Array:
+    """Part poses (..., P, 4, 4) from joint values q (..., P) and root poses (..., 4, 4) (identity when absent)."""
+    steps = exp_se3(q[..., None] * twists)
+    T = np.empty_like(steps)
+    T[..., 0, :, :] = np.eye(4) if T_world_root is None else T_world_root
+    for j in range(1, len(parent)):
+        T[..., j, :, :] = T[..., parent[j], :, :] @ steps[..., j, :, :]
+    return T
+
+
+def joint_jacobian(parent: IntArray, twists: Array, T_world_part: Array) -> Array:
+    """(..., P, 6, P): left twist of part i caused by joint j, d T_i = hat(J[i, :, j]) T_i. Zero column for the root."""
+    P = len(parent)
+    columns = (adjoint(T_world_part[..., parent[1:], :, :]) @ twists[1:, :, None])[..., 0]  # (..., P-1, 6)
+    J = np.zeros((*T_world_part.shape[:-3], P, 6, P))
+    for j in range(1, P):
+        J[..., j, :, :] = J[..., parent[j], :, :]
+        J[..., j, :, j] = columns[..., j - 1, :]
+    return J
+
+
+def screw_jacobian(parent: IntArray, twists: Array, q: Array, T_world_part: Array) -> Array:
+    """(..., P, 6, P, 6): left twist of part i when joint j's screw is moved by a left twist eta.
+
+    twist_j -> adjoint(exp(eta)) twist_j changes the step by (I - Ad_step) eta, carried to the world by the parent.
+    """
+    P = len(parent)
+    steps = exp_se3(q[..., 1:, None] * twists[1:])
+    blocks = adjoint(T_world_part[..., parent[1:], :, :]) @ (np.eye(6) - adjoint(steps))
+    J = np.zeros((*T_world_part.shape[:-3], P, 6, P, 6))
+    for j in range(1, P):
+        J[..., j, :, :, :] = J[..., parent[j], :, :, :]
+        J[..., j, :, j, :] = blocks[..., j - 1, :, :]
+    return J
+
+
+def depth_first_order(parent: IntArray) -> IntArray:
+    """Order of the parts in which every parent comes before its children and subtrees stay together."""
+    children: dict[int, list[int]] = {}
+    for j, p in enumerate(parent):
+        children.setdefault(int(p), []).append(j)
+    order: list[int] = []
+    stack = list(reversed(children.get(-1, [])))
+    while stack:
+        j = stack.pop()
+        order.append(j)
+        stack.extend(reversed(children.get(j, [])))
+    return np.array(order, dtype=np.int64)

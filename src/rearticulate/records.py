@@ -1,0 +1,201 @@
+"""The records that pass between stages.
+
+F frames, N points, P parts. Joint j *is* the joint of part j to its parent, so there is no edge list.
+Metres and radians throughout. `T_a_b` maps b-coordinates to a.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from rearticulate.geometry.kinematics import forward_kinematics
+from rearticulate.geometry.se3 import transform
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+JointType = Literal["floating", "fixed", "revolute", "prismatic"]
+
+
+@dataclass(frozen=True)
+class PointSequence:
+    """A 4D point cloud: one cloud a frame, sampled afresh, no correspondences.
+
+    points: one (N_f, 3) array a frame, metres. Frames may differ in size.
+    index:  one (N_f,) array a frame: the row of each point in its source, after dropped and subsampled points.
+    names:  what to call each frame in a message (a file name, or "frame 3").
+    """
+
+    points: tuple[Array, ...]
+    index: tuple[IntArray, ...]
+    names: tuple[str, ...]
+
+    @staticmethod
+    def from_arrays(points: Any) -> PointSequence:
+        """Wrap an (F, N, 3) array or a list of (N_f, 3) arrays, without any check (see `io.load_sequence`)."""
+        clouds = tuple(np.asarray(p, dtype=np.float64) for p in points)
+        return PointSequence(
+            clouds,
+            tuple(np.arange(len(p)) for p in clouds),
+            tuple(f"frame {f}" for f in range(len(clouds))),
+        )
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """What evaluation knows and the fitter never sees.
+
+    labels: one (N_f,) array a frame: true part of every source point.
+    poses:  (F, P, 4, 4) motion of each part from frame 0 to frame f (canonical c to f: poses[f] @ inv(poses[c])).
+    parent: (P,) -1 at the root.
+    novel:  (K, P, 4, 4) novel poses from frame 0.
+    joint_type (P,) of str, joint_axis (P, 3), joint_point (P, 3) in frame-0 coordinates, joint_state (F, P);
+    None where the source does not tell.
+    """
+
+    labels: tuple[IntArray, ...]
+    poses: Array
+    parent: IntArray
+    novel: Array
+    joint_type: tuple[str, ...] | None = None
+    joint_axis: Array | None = None
+    joint_point: Array | None = None
+    joint_state: Array | None = None
+
+
+@dataclass(frozen=True)
+class KinematicModel:
+    """A rearticulable model. Part frames coincide with the world at the canonical frame.
+
+    canonical:  index of the frame whose cloud defines the rest pose (all q = 0).
+    parent:     (P,) parents come before children; parent[0] = -1.
+    joint_type: (P,) "floating" at the root, else "fixed", "revolute" or "prismatic".
+    axis:       (P, 3) unit, canonical coordinates; zero at the root.
+    origin:     (P, 3) a point on the axis, the one nearest to the joint's points, canonical coordinates.
+    limits:     (P, 2) observed range of q, rad or m.
+    names:      (P,) unique part names.
+    points:     (N, 3) canonical cloud. labels: (N,) part of each canonical point.
+    """
+
+    canonical: int
+    parent: IntArray
+    joint_type: tuple[JointType, ...]
+    axis: Array
+    origin: Array
+    limits: Array
+    names: tuple[str, ...]
+    points: Array
+    labels: IntArray
+
+    @property
+    def n_parts(self) -> int:
+        return len(self.parent)
+
+    @property
+    def twists(self) -> Array:
+        """(P, 6) joint twists (omega, v): (axis, origin x axis) revolute, (0, axis) prismatic, 0 otherwise."""
+        twist = np.zeros((self.n_parts, 6))
+        for j, kind in enumerate(self.joint_type):
+            if kind == "revolute":
+                twist[j, :3] = self.axis[j]
+                twist[j, 3:] = np.cross(self.origin[j], self.axis[j])
+            elif kind == "prismatic":
+                twist[j, 3:] = self.axis[j]
+        return twist
+
+    def forward(self, q: Array, T_world_root: Array | None = None) -> Array:
+        """Part poses for joint values (paper eq. 2).
+
+        q: (..., P) rad or m (the root's entry is ignored). T_world_root: (..., 4, 4), identity when absent.
+        Returns T_world_part (..., P, 4, 4); the identity for every part at q = 0.
+        """
+        return forward_kinematics(self.parent, self.twists, np.asarray(q, dtype=np.float64), T_world_root)
+
+    def pose(self, q: Array, T_world_root: Array | None = None) -> Array:
+        """The canonical cloud moved to joint values q (P,): (N, 3)."""
+        return transform(self.forward(q, T_world_root)[self.labels], self.points)
+
+    def part_of(self, points: Array) -> IntArray:
+        """(M,) part of any point in the canonical frame, by a vote of the 3 nearest canonical points. points: (M, 3)."""
+        k = min(3, len(self.points))
+        distance, index = cKDTree(self.points).query(np.asarray(points, dtype=np.float64), k=k)
+        distance, index = distance.reshape(-1, k), index.reshape(-1, k)
+        votes = np.zeros((len(distance), self.n_parts))
+        np.add.at(votes, (np.arange(len(votes))[:, None], self.labels[index]), 1.0 / (distance + 1e-12))
+        return votes.argmax(axis=1)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Joint values in every frame: q (F, P) rad or m, zero at the canonical frame; T_world_root (F, 4, 4)."""
+
+    q: Array
+    T_world_root: Array
+
+
+@dataclass(frozen=True)
+class JointDiagnostics:
+    """How well one joint is known.
+
+    residual:        root mean square point error of the joint's two parts, m.
+    observed_range:  max q - min q, rad or m.
+    axis_std:        standard deviation of the axis direction, rad. origin_std: of the axis position, m.
+    runner_up:       the other joint type, with runner_up_margin = its extra chi-square (large: the type is sure).
+    determined:      False when the data do not fix this joint; note says why.
+    """
+
+    residual: float
+    observed_range: float
+    axis_std: float
+    origin_std: float
+    runner_up: str
+    runner_up_margin: float
+    determined: bool
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class StageTime:
+    """One line of the time table of a fit."""
+
+    name: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """Everything a fit returns.
+
+    labels:   one (N_f,) array a frame: part of every point of the input sequence.
+    joints:   one record a part (the root's is empty of meaning).
+    energy:   label-free energy of the result, in point spacings; energies: of every canonical frame that was tried.
+    residual: (F,) mean distance of each frame's points to the model, m.
+    """
+
+    model: KinematicModel
+    motion: Motion
+    labels: tuple[IntArray, ...]
+    joints: tuple[JointDiagnostics, ...]
+    energy: float
+    energies: dict[int, float]
+    residual: Array
+    stages: tuple[StageTime, ...] = ()
+    config: dict[str, Any] = field(default_factory=dict)
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One reported number."""
+
+    key: str
+    value: float
+    unit: str
+    better: Literal["lower", "higher"]
