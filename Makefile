@@ -1,0 +1,57 @@
+# Needs Python 3.10 or newer, make and a network. Everything lives in .venv.
+PYTHON ?= python3
+BIN := $(if $(filter Windows_NT,$(OS)),.venv/Scripts,.venv/bin)
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+
+.PHONY: help install demo test check bench pictures lock clean
+
+help:
+	@echo "make demo      fit a bundled sequence, print the metrics and the path of the report"
+	@echo "make test      install everything and run the tests"
+	@echo "make install   only the environment, in .venv"
+	@echo "make check     lint, format, types and tests"
+	@echo "make bench     the benchmark table (benchmarks/bench.py)"
+	@echo "make pictures  the pictures of the README"
+	@echo "make lock      pin all dependencies anew in constraints.txt"
+
+install: .venv/dev.stamp
+
+demo: .venv/runtime.stamp
+	$(BIN)/rearticulate demo
+
+test: install
+	$(BIN)/python -m pytest
+
+check: install
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/pyright
+	$(BIN)/python -m pytest
+
+bench: install
+	$(BIN)/python benchmarks/bench.py
+
+pictures: install
+	$(BIN)/python -m rearticulate.report.pictures docs/demo
+
+lock: install
+	$(BIN)/python -m pip install --quiet uv
+	$(BIN)/uv pip compile --universal --python-version 3.10 --all-extras --no-annotate --upgrade \
+		--custom-compile-command "make lock" pyproject.toml -o constraints.txt
+	echo "torch==2.13.0" >> constraints.txt
+
+clean:
+	rm -rf .venv
+
+.venv/pyvenv.cfg:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
+		{ echo "error: Python 3.10 or newer is needed; try: make PYTHON=python3.12 ..."; exit 1; }
+	$(PYTHON) -m venv .venv
+
+.venv/runtime.stamp: pyproject.toml constraints.txt | .venv/pyvenv.cfg
+	$(PIP) -e .
+	@touch $@
+
+.venv/dev.stamp: .venv/runtime.stamp
+	$(PIP) -e ".[dev]"
+	@touch $@
