@@ -1,0 +1,69 @@
+"""Estimated joints against true ones: type, axis direction, axis position."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rearticulate.geometry.se3 import rotate, transform
+from rearticulate.records import Array, FitResult, GroundTruth, IntArray, KinematicModel
+
+
+@dataclass(frozen=True)
+class JointError:
+    """One true joint j that has an estimated counterpart: model joint k.
+
+    type_right; axis_rad: angle between the axes up to sign; position_m: NaN for a slide, which has no position.
+    """
+
+    true: int
+    predicted: int
+    type_right: bool
+    axis_rad: float
+    position_m: float
+
+
+def joint_errors(result: FitResult, truth: GroundTruth, match: IntArray) -> list[JointError]:
+    """Errors of all true joints whose two parts are matched to adjacent parts of the model. match: (P_true,), -1 none.
+
+    Needs truth.joint_type, joint_axis and joint_point.
+    """
+    assert truth.joint_type is not None and truth.joint_axis is not None and truth.joint_point is not None
+    model, errors = result.model, []
+    for j in np.flatnonzero(truth.parent >= 0):
+        k = _joint_between(model, match[j], match[truth.parent[j]])
+        if k < 0:
+            continue
+        # frame 0 to the canonical frame: an axis moves with both of its parts
+        T = truth.poses[model.canonical, truth.parent[j]]
+        axis, point = rotate(T, truth.joint_axis[j]), transform(T, truth.joint_point[j])
+        right = truth.joint_type[j] == model.joint_type[k]
+        position = _distance_to_line(model.origin[k], point, axis) if model.joint_type[k] == "revolute" else np.nan
+        errors.append(JointError(int(j), k, right, angle_of_lines(model.axis[k], axis), position))
+    return errors
+
+
+def _joint_between(model: KinematicModel, a: int, b: int) -> int:
+    """The joint that links parts a and b directly, -1 when there is none (or a part is missing)."""
+    if a < 0 or b < 0:
+        return -1
+    if model.parent[a] == b:
+        return int(a)
+    return int(b) if model.parent[b] == a else -1
+
+
+def angle_of_lines(a: Array, b: Array) -> float:
+    """Angle between two directions (3,) up to sign, rad in [0, pi/2]; pi/2 when one of them is zero (a fixed joint)."""
+    if not a.any() or not b.any():
+        return np.pi / 2
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b)))
+
+
+def _distance_to_line(x: Array, point: Array, axis: Array) -> float:
+    """Distance of x (3,) from the line through point (3,) along axis (3,).
+
+    With x the point of the estimated axis nearest to its joint, this is the distance of the axes *at the joint*; the
+    closest approach of two almost parallel lines may be far from the object and says nothing.
+    """
+    return float(np.linalg.norm(np.cross(x - point, axis)) / np.linalg.norm(axis))
