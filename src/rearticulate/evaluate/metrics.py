@@ -92,7 +92,7 @@ def _segmentation_metrics(result: FitResult, true_labels: list[IntArray]) -> lis
 
 
 def clicks(labels: IntArray, index: IntArray, n_parts: int) -> IntArray:
-    """One canonical point a true part: number CLICK in file order, the last one of a smaller part, none of an empty one.
+    """One canonical point a true part: number CLICK in file order, the last of a smaller part, none of an empty one.
 
     labels: (N,) true part of each canonical point. index: (N,) its row in the file.
     """

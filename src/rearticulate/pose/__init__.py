@@ -1,0 +1,1 @@
+"""Poses of a finished model from sparse observations."""

@@ -1,0 +1,206 @@
+"""Inverse kinematics: the pose of a model from a few points and where they should go (paper, supplement A.6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from rearticulate.errors import InputError
+from rearticulate.pose.least_squares import PoseProblem, Starts, residuals, solve, start
+from rearticulate.records import Array, IntArray, KinematicModel
+
+SIGMAS = (np.inf, 0.1, 0.03, 0.01)  # robust scales, coarse to fine, in sizes of the object (bounding box diagonal)
+RANDOM_STARTS = 6
+SURVIVORS = 4  # starts that are followed beyond the coarsest scale
+WIDENING = 0.3  # random starts lie in the observed range, widened by this share of it on either side
+MIN_SPAN = 0.2  # the range of a joint that hardly moved counts as this much, rad or sizes
+SEAM = 4.0  # a point this close to another part, in point spacings, may belong to it
+RELABEL_GAIN = 0.3  # energy that a new label must save, in outliers (an outlier costs sigma^2)
+MAX_RELABELS = 4
+
+
+@dataclass(frozen=True)
+class RetargetResult:
+    """q (P,) rad or m (the root's entry is 0), T_world_root (4, 4), residual (K,) distances that remain, m.
+
+    part: (K,) the part each source point was taken to belong to. converged; iterations: over all starts together.
+    """
+
+    q: Array
+    T_world_root: Array
+    residual: Array
+    part: IntArray
+    converged: bool
+    iterations: int
+
+
+def retarget(
+    model: KinematicModel,
+    source_points: Array,
+    target_points: Array,
+    *,
+    part: IntArray | None = None,
+    free_root: bool = True,
+    seed: int = 0,
+) -> RetargetResult:
+    """Joint values and root pose that bring source points (K, 3) of the canonical frame to their targets (K, 3).
+
+    part: (K,) parts of the source points; without it `model.part_of`, corrected where a point lies at a seam and the
+    other part explains its target better. free_root: False keeps the root where it is in the canonical frame.
+    The loss is robust, so a few wrong pairs do no harm. Joints that move no source point stay at zero.
+    """
+    source, target = _points("source", source_points), _points("target", target_points)
+    if source.shape != target.shape:
+        raise InputError(f"{len(source)} source points but {len(target)} target points: they must come in pairs")
+    labels = model.part_of(source) if part is None else _parts(model, part, len(source))
+    scale = _Scale.of(model)
+    problem = _problem(model, scale, source, target, free_root)
+    best = _descend(problem, _first_guesses(problem, labels, np.random.default_rng(seed)))
+    if part is None:
+        best = _relabel(problem, best, _alternatives(model, source, labels))
+    return _result(model, scale, problem, best)
+
+
+def _points(name: str, points: Array) -> Array:
+    array = np.asarray(points, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != 3 or not len(array):
+        raise InputError(f"{name} points have shape {array.shape}: give at least one row of x, y, z, shape (K, 3)")
+    if not np.isfinite(array).all():
+        row = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
+        raise InputError(f"{name} point {row} is {array[row].tolist()}: all coordinates must be finite numbers")
+    return array
+
+
+def _parts(model: KinematicModel, part: IntArray, K: int) -> IntArray:
+    labels = np.asarray(part)
+    if labels.shape != (K,) or not np.issubdtype(labels.dtype, np.integer):
+        raise InputError(f"part has shape {labels.shape} and type {labels.dtype}: give one part number a source point")
+    unknown = labels[(labels < 0) | (labels >= model.n_parts)]
+    if len(unknown):
+        raise InputError(f"unknown part {unknown[0]}: the model has parts 0 to {model.n_parts - 1}")
+    return labels.astype(np.int64)
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """The solver's private units: origin at the middle of the canonical cloud, its bounding box diagonal as unit."""
+
+    centre: Array
+    size: float
+
+    @staticmethod
+    def of(model: KinematicModel) -> _Scale:
+        low, high = model.points.min(axis=0), model.points.max(axis=0)
+        return _Scale((low + high) / 2, float(np.linalg.norm(high - low)) or 1.0)
+
+    def shrink(self, points: Array) -> Array:
+        return (points - self.centre) / self.size
+
+    def enlarge(self, T: Array) -> Array:
+        """A motion (4, 4) in private units as a motion of the world."""
+        out = T.copy()
+        out[:3, 3] = self.size * T[:3, 3] + self.centre - T[:3, :3] @ self.centre
+        return out
+
+
+def _problem(model: KinematicModel, scale: _Scale, source: Array, target: Array, free_root: bool) -> PoseProblem:
+    twists = model.twists.copy()
+    for j in np.flatnonzero(twists[:, :3].any(axis=1)):
+        twists[j, 3:] = np.cross(scale.shrink(model.origin[j]), model.axis[j])
+    limits = model.limits / _units(model, scale)[:, None]
+    path = np.zeros((model.n_parts, model.n_parts), dtype=bool)
+    for j in range(1, model.n_parts):
+        path[j] = path[model.parent[j]]
+        path[j, j] = twists[j].any()
+    return PoseProblem(
+        parent=model.parent,
+        twists=twists,
+        limits=limits,
+        rest=limits.mean(axis=1),
+        span=np.maximum(limits[:, 1] - limits[:, 0], MIN_SPAN),
+        path=path,
+        source=scale.shrink(source),
+        target=scale.shrink(target),
+        free_root=free_root,
+    )
+
+
+def _units(model: KinematicModel, scale: _Scale) -> Array:
+    """(P,) what one private unit of each joint value is in the model: rad, or m for a slide."""
+    return np.where([kind == "prismatic" for kind in model.joint_type], scale.size, 1.0)
+
+
+def _first_guesses(problem: PoseProblem, part: IntArray, rng: np.random.Generator) -> Starts:
+    """Zero, the middle of the observed ranges, random values; the first two also with all points aligned rigidly."""
+    low, high = problem.limits[:, 0] - WIDENING * problem.span, problem.limits[:, 1] + WIDENING * problem.span
+    q = np.concatenate([[np.zeros_like(low), problem.rest], rng.uniform(low, high, (RANDOM_STARTS, len(low)))])
+    root = np.tile(np.eye(4), (len(q), 1, 1))
+    if problem.free_root:
+        q = np.concatenate([q, q[:2]])
+        root = np.concatenate([root, np.tile(kabsch(problem.source, problem.target), (2, 1, 1))])
+    return start(problem, q, root, np.tile(part, (len(q), 1)))
+
+
+def kabsch(source: Array, target: Array) -> Array:
+    """(4, 4) rigid motion that brings source (K, 3) closest to target (K, 3) in least squares (Kabsch 1976)."""
+    a, b = source.mean(axis=0), target.mean(axis=0)
+    U, _, Vt = np.linalg.svd((target - b).T @ (source - a))
+    T = np.eye(4)
+    T[:3, :3] = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    T[:3, 3] = b - T[:3, :3] @ a
+    return T
+
+
+def _descend(problem: PoseProblem, starts: Starts) -> Starts:
+    """The best start after all scales, coarse to fine, as a batch of one."""
+    for sigma in SIGMAS[:-1]:
+        starts = solve(problem, starts, sigma, 15)
+        starts = starts.take(np.argsort(starts.energy)[:SURVIVORS])
+    return _finish(problem, starts)
+
+
+def _finish(problem: PoseProblem, starts: Starts) -> Starts:
+    starts = solve(problem, starts, SIGMAS[-1], 40)
+    return starts.take(np.argsort(starts.energy)[:1])
+
+
+def _alternatives(model: KinematicModel, source: Array, part: IntArray) -> list[tuple[int, int]]:
+    """Pairs (source point, other part) where the other part comes within a few point spacings of the source point."""
+    tree = cKDTree(model.points)
+    sample = model.points[:: max(1, len(model.points) // 256)]
+    spacing = float(np.median(tree.query(sample, k=min(2, len(model.points)))[0].reshape(len(sample), -1)[:, -1]))
+    near = tree.query_ball_point(source, SEAM * spacing)
+    return [(k, p) for k, rows in enumerate(near) for p in np.unique(model.labels[rows]) if p != part[k]]
+
+
+def _relabel(problem: PoseProblem, best: Starts, alternatives: list[tuple[int, int]]) -> Starts:
+    """Give points at seams to the other part, one after the other, as long as that explains an outlier."""
+    sigma = SIGMAS[-1]
+    for _ in range(MAX_RELABELS):
+        outlier = (residuals(problem, best)[0] ** 2).sum(axis=-1) > sigma**2
+        doubtful = [(k, p) for k, p in alternatives if outlier[k] and best.part[0, k] != p]
+        if not doubtful:
+            break
+        trials = best.take(np.zeros(len(doubtful), dtype=np.int64))
+        for row, (k, p) in enumerate(doubtful):
+            trials.part[row, k] = p
+        trial = _finish(problem, solve(problem, trials, SIGMAS[-2], 15))
+        if trial.energy[0] > best.energy[0] - RELABEL_GAIN * sigma**2:
+            break
+        best = trial
+    return best
+
+
+def _result(model: KinematicModel, scale: _Scale, problem: PoseProblem, best: Starts) -> RetargetResult:
+    turns = np.array([kind == "revolute" for kind in model.joint_type])
+    q = best.q[0] - 2 * np.pi * turns * np.round((best.q[0] - problem.rest) / (2 * np.pi))
+    return RetargetResult(
+        q=q * _units(model, scale),
+        T_world_root=scale.enlarge(best.root[0]),
+        residual=scale.size * np.linalg.norm(residuals(problem, best)[0], axis=-1),
+        part=best.part[0],
+        converged=bool(best.converged[0]),
+        iterations=best.iterations,
+    )

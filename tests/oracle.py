@@ -1,0 +1,74 @@
+"""Models and fits made from ground truth: what a perfect fitter would return."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from rearticulate.geometry.se3 import inverse, log_se3
+from rearticulate.records import (
+    Array,
+    FitResult,
+    GroundTruth,
+    JointDiagnostics,
+    JointType,
+    KinematicModel,
+    Motion,
+    PointSequence,
+)
+
+
+def read_pair(path: Path) -> tuple[PointSequence, GroundTruth]:
+    """Sequence and truth of NAME.npz, without the checks of the loaders."""
+    with np.load(path.with_name(f"{path.stem}.truth.npz")) as data:
+        joints = {k: data[k] for k in ("joint_axis", "joint_point", "joint_state") if k in data}
+        if "joint_type" in data:
+            joints["joint_type"] = tuple(str(kind) for kind in data["joint_type"])
+        truth = GroundTruth(tuple(data["labels"]), data["poses"], data["parents"], data["novel"], **joints)
+    with np.load(path) as data:
+        return PointSequence.from_arrays(data["points"]), truth
+
+
+def perfect_fit(sequence: PointSequence, truth: GroundTruth, canonical: int = 0) -> FitResult:
+    """The fit that makes no error: joints from the true relative motions, labels from the truth."""
+    poses = truth.poses @ inverse(truth.poses[canonical])
+    P = len(truth.parent)
+    joints = [("floating", np.zeros(3), np.zeros(3), np.zeros(len(poses)))]
+    joints += [_joint(inverse(poses[:, truth.parent[j]]) @ poses[:, j]) for j in range(1, P)]
+    kinds, axis, origin, q = zip(*joints, strict=True)
+    values = np.stack(q, axis=1)
+    labels = tuple(truth.labels[f][sequence.index[f]] for f in range(len(sequence)))
+    model = KinematicModel(
+        canonical=canonical,
+        parent=truth.parent,
+        joint_type=kinds,
+        axis=np.stack(axis),
+        origin=np.stack(origin),
+        limits=np.stack([values.min(axis=0), values.max(axis=0)], axis=1),
+        names=tuple(f"part_{j}" for j in range(P)),
+        points=sequence.points[canonical],
+        labels=labels[canonical],
+    )
+    return FitResult(
+        model=model,
+        motion=Motion(values, poses[:, 0]),
+        labels=labels,
+        joints=tuple(JointDiagnostics(0.0, float(np.ptp(v)), 0.0, 0.0, "fixed", np.inf, True) for v in values.T),
+        energy=0.0,
+        energies={canonical: 0.0},
+        residual=np.zeros(len(sequence)),
+    )
+
+
+def _joint(relative: Array) -> tuple[JointType, Array, Array, Array]:
+    """Type, axis, origin and values of a one-degree-of-freedom joint from exact relative motions (F, 4, 4)."""
+    twist = log_se3(relative)
+    largest = twist[np.abs(twist).max(axis=1).argmax()]
+    turning = np.linalg.norm(largest[:3]) > 1e-5
+    direction = largest[:3] if turning else largest[3:]
+    axis = direction / max(float(np.linalg.norm(direction)), 1e-300)
+    if not turning:
+        return "prismatic", axis, np.zeros(3), twist[:, 3:] @ axis
+    origin = np.cross(axis, largest[3:]) / np.linalg.norm(largest[:3])
+    return "revolute", axis, origin, twist[:, :3] @ axis
