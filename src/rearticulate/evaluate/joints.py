@@ -32,7 +32,7 @@ def joint_errors(result: FitResult, truth: GroundTruth, match: IntArray) -> list
     assert truth.joint_type is not None and truth.joint_axis is not None and truth.joint_point is not None
     model, errors = result.model, []
     for j in np.flatnonzero(truth.parent >= 0):
-        k = _joint_between(model, match[j], match[truth.parent[j]])
+        k = _joint_between(model, int(match[j]), int(match[truth.parent[j]]))
         if k < 0:
             continue
         # frame 0 to the canonical frame: an axis moves with both of its parts

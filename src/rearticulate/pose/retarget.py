@@ -5,20 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from rearticulate.errors import InputError
+from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.pose.least_squares import PoseProblem, Starts, residuals, solve, start
 from rearticulate.records import Array, IntArray, KinematicModel
 
-SIGMAS = (np.inf, 0.1, 0.03, 0.01)  # robust scales, coarse to fine, in sizes of the object (bounding box diagonal)
+SIGMAS = (np.inf, 0.03, 0.01)  # robust scales, coarse to fine, in sizes of the object (bounding box diagonal)
 RANDOM_STARTS = 6
-SURVIVORS = 4  # starts that are followed beyond the coarsest scale
-WIDENING = 0.3  # random starts lie in the observed range, widened by this share of it on either side
+SURVIVORS = 5  # starts that are followed beyond the coarsest scale
 MIN_SPAN = 0.2  # the range of a joint that hardly moved counts as this much, rad or sizes
 SEAM = 4.0  # a point this close to another part, in point spacings, may belong to it
 RELABEL_GAIN = 0.3  # energy that a new label must save, in outliers (an outlier costs sigma^2)
 MAX_RELABELS = 4
+MAX_ALTERNATIVES = 16
 
 
 @dataclass(frozen=True)
@@ -133,14 +134,45 @@ def _units(model: KinematicModel, scale: _Scale) -> Array:
 
 
 def _first_guesses(problem: PoseProblem, part: IntArray, rng: np.random.Generator) -> Starts:
-    """Zero, the middle of the observed ranges, random values; the first two also with all points aligned rigidly."""
-    low, high = problem.limits[:, 0] - WIDENING * problem.span, problem.limits[:, 1] + WIDENING * problem.span
+    """Zero, the middle of the observed ranges and random values; then all of them led along the chains of the tree."""
+    low, high = problem.limits[:, 0] - problem.span, problem.limits[:, 1] + problem.span
     q = np.concatenate([[np.zeros_like(low), problem.rest], rng.uniform(low, high, (RANDOM_STARTS, len(low)))])
     root = np.tile(np.eye(4), (len(q), 1, 1))
     if problem.free_root:
-        q = np.concatenate([q, q[:2]])
-        root = np.concatenate([root, np.tile(kabsch(problem.source, problem.target), (2, 1, 1))])
-    return start(problem, q, root, np.tile(part, (len(q), 1)))
+        root[1::2] = kabsch(problem.source, problem.target)
+    led = follow_chains(problem, q, root, part)
+    return start(problem, np.concatenate([q, led]), np.concatenate([root, root]), np.tile(part, (2 * len(q), 1)))
+
+
+def follow_chains(problem: PoseProblem, q: Array, root: Array, part: IntArray) -> Array:
+    """From the root outwards, set every joint to the value that is best for its own part's points. (B, P) -> (B, P).
+
+    In closed form: a turn is a Procrustes problem in the plane across the axis, a slide a mean along it. Parts without
+    source points keep their value.
+    """
+    q, T = q.copy(), np.tile(root[:, None], (1, len(problem.parent), 1, 1))
+    for j in range(1, len(problem.parent)):
+        T_parent, own = T[:, problem.parent[j]], part == j
+        if own.any() and problem.path[j, j]:
+            q[:, j] = _best_value(problem.twists[j], problem.source[own], _seen_from(T_parent, problem.target[own]))
+        T[:, j] = T_parent @ exp_se3(q[:, j, None] * problem.twists[j])
+    return q
+
+
+def _seen_from(T: Array, x: Array) -> Array:
+    """World points x (K, 3) in the coordinates of B frames T (B, 4, 4): (B, K, 3)."""
+    return transform(inverse(T)[:, None], x)
+
+
+def _best_value(twist: Array, source: Array, target: Array) -> Array:
+    """(B,) joint value that brings source (K, 3) nearest to target (B, K, 3)."""
+    w, v = twist[:3], twist[3:]
+    if not w.any():
+        return (target - source).mean(axis=1) @ v
+    origin = np.cross(w, v)
+    a, b = source - origin, target - origin
+    sine = (np.cross(w, a) * b).sum(axis=(-2, -1))
+    return np.arctan2(sine, ((a - np.outer(a @ w, w)) * b).sum(axis=(-2, -1)))
 
 
 def kabsch(source: Array, target: Array) -> Array:
@@ -157,40 +189,47 @@ def _descend(problem: PoseProblem, starts: Starts) -> Starts:
     """The best start after all scales, coarse to fine, as a batch of one."""
     for sigma in SIGMAS[:-1]:
         starts = solve(problem, starts, sigma, 15)
-        starts = starts.take(np.argsort(starts.energy)[:SURVIVORS])
+        starts = starts.best(SURVIVORS)
     return _finish(problem, starts)
 
 
 def _finish(problem: PoseProblem, starts: Starts) -> Starts:
-    starts = solve(problem, starts, SIGMAS[-1], 40)
-    return starts.take(np.argsort(starts.energy)[:1])
+    return solve(problem, starts, SIGMAS[-1], 40).best(1)
 
 
 def _alternatives(model: KinematicModel, source: Array, part: IntArray) -> list[tuple[int, int]]:
     """Pairs (source point, other part) where the other part comes within a few point spacings of the source point."""
-    tree = cKDTree(model.points)
+    tree = KDTree(model.points)
     sample = model.points[:: max(1, len(model.points) // 256)]
     spacing = float(np.median(tree.query(sample, k=min(2, len(model.points)))[0].reshape(len(sample), -1)[:, -1]))
     near = tree.query_ball_point(source, SEAM * spacing)
-    return [(k, p) for k, rows in enumerate(near) for p in np.unique(model.labels[rows]) if p != part[k]]
+    pairs = [(k, int(p)) for k, rows in enumerate(near) for p in np.unique(model.labels[rows]) if p != part[k]]
+    return pairs[:MAX_ALTERNATIVES]
 
 
 def _relabel(problem: PoseProblem, best: Starts, alternatives: list[tuple[int, int]]) -> Starts:
-    """Give points at seams to the other part, one after the other, as long as that explains an outlier."""
+    """Give points at seams to the other part, one after the other, as long as that explains an outlier.
+
+    A wrong label may well leave its own point in place and drive away others: every alternative is tried.
+    """
     sigma = SIGMAS[-1]
     for _ in range(MAX_RELABELS):
-        outlier = (residuals(problem, best)[0] ** 2).sum(axis=-1) > sigma**2
-        doubtful = [(k, p) for k, p in alternatives if outlier[k] and best.part[0, k] != p]
-        if not doubtful:
+        trials = [_with_label(problem, best, k, p) for k, p in alternatives if best.part[0, k] != p]
+        if not trials or (residuals(problem, best) ** 2).sum(axis=-1).max() < sigma**2:
             break
-        trials = best.take(np.zeros(len(doubtful), dtype=np.int64))
-        for row, (k, p) in enumerate(doubtful):
-            trials.part[row, k] = p
-        trial = _finish(problem, solve(problem, trials, SIGMAS[-2], 15))
+        trial = _finish(problem, solve(problem, Starts.join(trials), SIGMAS[-2], 10).best(SURVIVORS))
         if trial.energy[0] > best.energy[0] - RELABEL_GAIN * sigma**2:
             break
         best = trial
     return best
+
+
+def _with_label(problem: PoseProblem, best: Starts, k: int, part: int) -> Starts:
+    """The present solution, as it is and led along the chains, with source point k on another part."""
+    labels = best.part[0].copy()
+    labels[k] = part
+    led = follow_chains(problem, best.q, best.root, labels)
+    return start(problem, np.concatenate([best.q, led]), np.tile(best.root, (2, 1, 1)), np.tile(labels, (2, 1)))
 
 
 def _result(model: KinematicModel, scale: _Scale, problem: PoseProblem, best: Starts) -> RetargetResult:
