@@ -1,0 +1,117 @@
+"""The configuration: one frozen dataclass a stage. Lengths are in point spacings unless a unit is named.
+
+One default for every object. An unknown key is an error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class TrackConfig:
+    """Patch tracking (`fit.track`)."""
+
+    points_per_node: float = 12.8
+    min_nodes: int = 160
+    max_nodes: int = 360
+    patch_size: int = 30
+    edges_per_node: int = 6
+    iterations: int = 30
+    sigma: float = 37.0  # robust scale of a correspondence: first and last iteration
+    sigma_end: float = 0.75
+    stiffness: float = 3.0  # weight of a patch edge, relative to the data of one patch
+    stiffness_end: float = 0.02
+    tear: float = 9.3  # robust scale of the gap of an edge
+    tear_end: float = 1.9
+    tear_memory: float = 3.7  # an edge that was torn by more than this in another frame stays weak
+    point_share: float = 0.3
+
+
+@dataclass(frozen=True)
+class ClusterConfig:
+    """Over-segmentation of the tracked patches (`fit.cluster`)."""
+
+    sigma: float = 0.75
+    penalty: float = 5.0  # growth of the rigid-fit error, in sigma^2 a frame, that stops the merging
+
+
+@dataclass(frozen=True)
+class TrialConfig:
+    """Trial merges and repairs of parts (`fit.trial`)."""
+
+    subset: int = 120  # points of a part that take part in a trial
+    gap: float = 4.0  # parts closer than this may be tried
+    threshold_first: float = 0.03  # growth of the misfit below which two parts are one
+    threshold: float = 0.045
+
+
+@dataclass(frozen=True)
+class RepairConfig:
+    """Restarts of lost parts (`fit.repair`)."""
+
+    subset: int = 150  # points of a part that take part in a restart
+    minimum_points: int = 12
+    margin: float = 0.06  # another pose must lower the misfit by this much to be taken
+    unexplained: float = 1.5  # a point farther than this from every other part is unexplained
+    max_unexplained: int = 300
+    reach: float = 4.0  # an unexplained point costs at most this much
+    backward_weight: float = 0.3  # of the unexplained points, against the part's own misfit
+    suspicion: float = 1.3  # a misfit above this times the part's best one calls for a search
+    pivot_subset: int = 40
+    pivot_radius_deg: float = 50.0  # turns about a joint are searched this far
+    pivot_step_deg: float = 12.5
+    pivot_keep: int = 3
+
+
+@dataclass(frozen=True)
+class LabelConfig:
+    """Labels of all frames' points (`fit.labels`)."""
+
+    neighbours: int = 6  # spatial neighbours of a point
+    space_scale: float = 1.87  # Gaussian weight of a spatial neighbour
+    time_scale: float = 1.12  # Gaussian weight of a neighbour in another frame
+    evidence_frames: int = 12  # every point is tested against at most this many frames
+    nearest_weight: float = 5.0
+    candidate_radius: float = 3.7
+    minimum_points: float = 20.0  # a part with fewer points a frame is dissolved by the coarse labels
+    sheet_candidates: float = 5.6
+    sheet_radius: float = 2.6
+    sheet_neighbours: int = 64
+    sheet_tries: int = 40
+    sheet_thickness: float = 0.093
+    sheet_thickness_noise: float = 0.0  # times the measured plane noise
+    sheet_curvature: float = 0.008  # thickness grows by this times the squared distance, per spacing
+
+
+@dataclass(frozen=True)
+class ProjectConfig:
+    """Tests of relative motion and the kinematic tree (`fit.project`). Chi-squares are per degree of freedom."""
+
+    noise_floor: float = 0.25  # registration is never trusted to better than this
+    merge: float = 1.0  # parts that rest against each other better than this are one
+    merge_rms: float = 0.36  # ... or whose relative motion is below this (and chi-square below 10)
+    joint: float = 3.0  # one joint is enough below this
+    joint_rms: float = 0.25  # ... or when its misfit is below this
+    gain: float = 0.2  # another joint in series must lower the chi-square to this share
+    small_rms: float = 0.5  # misfits below this need the stricter gain
+    small_gain: float = 0.05
+    gap: float = 7.5  # parts farther apart are not joined if it can be helped
+    gap_series: float = 4.0  # two joints in series are tried for parts nearer than this
+    gap_weight: float = 0.35
+    series_cost: float = 2.0  # what a second joint costs in the spanning tree
+    small_part: float = 0.04  # share of the points below which a part may become a link of a chain
+    prismatic_margin: float = 6.0  # extra chi-square at which a slide is still preferred to a turn
+    root_motion: float = 1.5  # the root is the largest part among those that move at most this times the least
+
+
+@dataclass(frozen=True)
+class FitConfig:
+    """Everything a fit depends on besides the sequence and the seed."""
+
+    track: TrackConfig = field(default_factory=TrackConfig)
+    cluster: ClusterConfig = field(default_factory=ClusterConfig)
+    trial: TrialConfig = field(default_factory=TrialConfig)
+    repair: RepairConfig = field(default_factory=RepairConfig)
+    label: LabelConfig = field(default_factory=LabelConfig)
+    project: ProjectConfig = field(default_factory=ProjectConfig)

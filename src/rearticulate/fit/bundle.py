@@ -1,0 +1,51 @@
+"""Kinematic bundle adjustment: the tree of screws, all joint values and root poses against all points at once."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rearticulate.fit.articulated import Articulated, gauss_newton_step
+from rearticulate.fit.frames import Frames
+from rearticulate.fit.register import geman_mcclure, normal_equations
+from rearticulate.fit.relaxed import fuse, fused_equations
+from rearticulate.geometry.se3 import rotate, transform
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def canonical_equations(
+    frames: Frames, canonical: int, T: Array, labels: IntArray, sigma: float, max_distance: float = 5.6
+) -> tuple[Array, Array]:
+    """Normal equations H (F, P, 6, 6), g (F, P, 6) of the canonical points moved onto every frame."""
+    F, P = T.shape[:2]
+    rows = frames.rows(canonical)
+    x, nx, label = frames.points[rows], frames.normals[rows], labels[rows]
+    H, g = np.zeros((F, P, 6, 6)), np.zeros((F, P, 6))
+    for f in range(F):
+        if f == canonical:
+            continue
+        tree, normals = frames.trees[f], frames.normals[frames.rows(f)]
+        y, ny = transform(T[f, label], x), rotate(T[f, label], nx)
+        d, j = tree.query(y, workers=-1)
+        z, nz = tree.data[j], normals[j]
+        agreement = np.abs(np.einsum("ij,ij->i", ny, nz))
+        r = np.einsum("ij,ij->i", y - z, nz)
+        w = geman_mcclure(r * r + 0.1 * d * d, sigma) * np.where(agreement > 0.5, agreement, 0.0) * (d < max_distance)
+        H[f], g[f] = normal_equations(y, z, nz, w, 0.03 * w, label, P)
+    return H, g
+
+
+def bundle_adjust(
+    frames: Frames, canonical: int, model: Articulated, labels: IntArray, sigmas: tuple[float, ...], inner: int = 4
+) -> Articulated:
+    """Gauss-Newton with the fused clouds rebuilt once a scale. sigmas: robust scales, in spacings."""
+    for sigma in sigmas:
+        fused = fuse(frames, model.forward(), labels)
+        for _ in range(inner):
+            T = model.forward()
+            H1, g1 = fused_equations(frames, canonical, T, labels, fused, sigma)
+            H2, g2 = canonical_equations(frames, canonical, T, labels, 2 * sigma)
+            model = gauss_newton_step(model, canonical, H1 + H2, g1 + g2)
+    return model

@@ -1,0 +1,82 @@
+"""The fitter's private copy of the sequence: centred, in units of the point spacing, in an order of its own.
+
+All lengths inside `fit` are in point spacings, so no threshold depends on the unit or the sampling density.
+Points are sorted by their distance from the frame's centroid: permuting or rotating the input changes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+NORMAL_NEIGHBOURS = 16
+
+
+@dataclass(frozen=True)
+class Frames:
+    """F clouds, stored one after the other.
+
+    points (M, 3), normals (M, 3) of unknown sign, frame (M,) frame of each point, start (F + 1,) first point of each.
+    order (M,): row of each point in the input's concatenated frames. unit: metres a spacing. centre (3,): metres.
+    """
+
+    points: Array
+    normals: Array
+    frame: IntArray
+    start: IntArray
+    trees: tuple[cKDTree, ...]
+    order: IntArray
+    unit: float
+    centre: Array
+
+    @property
+    def n_frames(self) -> int:
+        return len(self.start) - 1
+
+    def rows(self, f: int) -> slice:
+        """Rows of frame f in the flat arrays."""
+        return slice(int(self.start[f]), int(self.start[f + 1]))
+
+
+def point_spacing(clouds: Sequence[Array]) -> float:
+    """Median distance to the nearest other point, over all frames."""
+    return float(np.median(np.concatenate([cKDTree(p).query(p, k=2, workers=-1)[0][:, 1] for p in clouds])))
+
+
+def estimate_normals(points: Array, tree: cKDTree, neighbours: int = NORMAL_NEIGHBOURS) -> Array:
+    """(N, 3) unit normals of unknown sign: smallest principal direction of the nearest points."""
+    _, near = tree.query(points, k=min(neighbours, tree.n), workers=-1)
+    return smallest_direction(tree.data[near])
+
+
+def smallest_direction(patches: Array) -> Array:
+    """(N, K, 3) -> (N, 3): direction of least spread of each set of K points."""
+    centred = patches - patches.mean(axis=1, keepdims=True)
+    return np.linalg.eigh(np.einsum("nki,nkj->nij", centred, centred))[1][:, :, 0]
+
+
+def make_frames(clouds: Sequence[Array], neighbours: int = NORMAL_NEIGHBOURS) -> Frames:
+    """Normalise the clouds (metres) into `Frames`."""
+    unit = point_spacing(clouds)
+    centre = np.mean([p.mean(axis=0) for p in clouds], axis=0)
+    orders = [np.argsort(np.linalg.norm(p - p.mean(axis=0), axis=1), kind="stable") for p in clouds]
+    scaled = [(p[o] - centre) / unit for p, o in zip(clouds, orders, strict=True)]
+    start = np.concatenate([[0], np.cumsum([len(p) for p in scaled])])
+    trees = tuple(cKDTree(p) for p in scaled)
+    return Frames(
+        points=np.concatenate(scaled),
+        normals=np.concatenate([estimate_normals(p, t, neighbours) for p, t in zip(scaled, trees, strict=True)]),
+        frame=np.repeat(np.arange(len(scaled)), np.diff(start)),
+        start=start,
+        trees=trees,
+        order=np.concatenate([o + s for o, s in zip(orders, start[:-1], strict=True)]),
+        unit=unit,
+        centre=centre,
+    )

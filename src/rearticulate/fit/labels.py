@@ -1,0 +1,241 @@
+"""The part of every point of every frame: evidence of motion, smoothed over space and time.
+
+Two kinds of evidence stand behind one mean-field solver (Kraehenbuehl & Koltun 2011, with Potts terms):
+`nearest_evidence` asks how well a point, carried by a part, lands on the other frames; `sheet_evidence` asks whether
+the other frames' points, brought back by that part, form one thin sheet through it. The second sees errors far below
+the point spacing and needs good motions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from rearticulate.config import LabelConfig
+from rearticulate.fit.frames import Frames
+from rearticulate.fit.relaxed import APART, Relaxed, drop_small
+from rearticulate.geometry.se3 import inverse, transform
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+IMPOSSIBLE = 1e3  # unary cost of a part that is no candidate
+
+
+@dataclass(frozen=True)
+class Graph:
+    """Neighbours (M, K) of every point among all frames' points, with weights."""
+
+    neighbour: IntArray
+    weight: Array
+
+    def join(self, other: Graph, scale: float) -> Graph:
+        return Graph(
+            np.concatenate([self.neighbour, other.neighbour], 1), np.concatenate([self.weight, scale * other.weight], 1)
+        )
+
+
+def evidence_frames(F: int, limit: int) -> IntArray:
+    """At most `limit` frames, evenly spread: the ones every point is tested against."""
+    return np.unique(np.linspace(0, F - 1, min(F, limit)).round().astype(np.int64))
+
+
+def spatial_graph(frames: Frames, k: int, scale: float) -> Graph:
+    """The k nearest points of the same frame, Gaussian weights."""
+    neighbour, weight = [], []
+    for f in range(frames.n_frames):
+        tree = frames.trees[f]
+        d, j = tree.query(tree.data, k=k + 1, workers=-1)
+        neighbour.append(j[:, 1:] + frames.start[f])
+        weight.append(np.exp(-((d[:, 1:] / scale) ** 2)))
+    return Graph(np.concatenate(neighbour), np.concatenate(weight))
+
+
+def temporal_graph(frames: Frames, T: Array, labels: IntArray, targets: IntArray, scale: float) -> Graph:
+    """The nearest point of every target frame under the current label; weight 0 within the own frame."""
+    z = transform(inverse(T)[frames.frame, labels], frames.points)
+    neighbour = np.zeros((len(z), len(targets)), dtype=np.int64)
+    weight = np.zeros((len(z), len(targets)))
+    for k, f in enumerate(targets):
+        rows = np.flatnonzero(frames.frame != f)
+        d, j = frames.trees[f].query(transform(T[f, labels[rows]], z[rows]), workers=-1)
+        neighbour[rows, k] = j + frames.start[f]
+        weight[rows, k] = np.exp(-((d / scale) ** 2))
+    return Graph(neighbour, weight)
+
+
+def candidate_parts(frames: Frames, labels: IntArray, P: int, radius: float) -> NDArray[np.bool_]:
+    """(M, P) parts that have a member within the radius in the same frame."""
+    out = np.zeros((len(labels), P), dtype=bool)
+    for f in range(frames.n_frames):
+        rows, tree = frames.rows(f), frames.trees[f]
+        for p in np.unique(labels[rows]):
+            d, _ = cKDTree(tree.data[labels[rows] == p]).query(tree.data, distance_upper_bound=radius, workers=-1)
+            out[rows, p] = np.isfinite(d)
+    return out
+
+
+def _doubtful(candidates: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
+    """(point, part) for every candidate of the points that have more than one."""
+    several = candidates.sum(axis=1) > 1
+    return np.nonzero(candidates & several[:, None])
+
+
+def nearest_evidence(frames: Frames, T: Array, candidates: NDArray[np.bool_], targets: IntArray) -> Array:
+    """(M, P) mean misfit of a point to the target frames under each candidate part; IMPOSSIBLE elsewhere."""
+    point, part = _doubtful(candidates)
+    z = transform(inverse(T)[frames.frame[point], part], frames.points[point])
+    total, count = np.zeros(len(point)), np.zeros(len(point))
+    for f in targets:
+        rows = np.flatnonzero(frames.frame[point] != f)
+        y = transform(T[f, part[rows]], z[rows])
+        d, j = frames.trees[f].query(y, workers=-1)
+        r = np.abs(np.einsum("ij,ij->i", y - frames.trees[f].data[j], frames.normals[frames.rows(f)][j]))
+        total[rows] += np.minimum(d, 1.6) + 0.25 * np.minimum(r / 0.28, 3.0)
+        count[rows] += 1
+    out = np.where(candidates, 0.0, IMPOSSIBLE)
+    out[point, part] = total / count
+    return out
+
+
+@numba.njit(cache=True, parallel=True)
+def _sheet_support(x, y, weight, start, neighbour, thickness, curvature, tries):
+    """For every point the largest weighted count of neighbours near a plane through it and two of them."""
+    out = np.zeros(len(x))
+    for i in numba.prange(len(x)):
+        first, n = start[i], start[i + 1] - start[i]
+        if n < 2:
+            continue
+        state = np.uint64(88172645463325252) + np.uint64(i) * np.uint64(2654435761)
+        best = 0.0
+        for _ in range(tries):
+            state ^= state << np.uint64(13)
+            state ^= state >> np.uint64(7)
+            state ^= state << np.uint64(17)
+            a = neighbour[first + np.int64((state >> np.uint64(11)) % np.uint64(n))]
+            b = neighbour[first + np.int64((state >> np.uint64(37)) % np.uint64(n))]
+            if a == b:
+                continue
+            ux, uy, uz = y[a, 0] - x[i, 0], y[a, 1] - x[i, 1], y[a, 2] - x[i, 2]
+            vx, vy, vz = y[b, 0] - x[i, 0], y[b, 1] - x[i, 1], y[b, 2] - x[i, 2]
+            nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+            norm = (nx * nx + ny * ny + nz * nz) ** 0.5
+            lengths = ((ux * ux + uy * uy + uz * uz) * (vx * vx + vy * vy + vz * vz)) ** 0.5
+            if norm < 0.35 * lengths or norm < 1e-9:
+                continue
+            nx, ny, nz = nx / norm, ny / norm, nz / norm
+            support = 0.0
+            for m in range(first, first + n):
+                j = neighbour[m]
+                wx, wy, wz = y[j, 0] - x[i, 0], y[j, 1] - x[i, 1], y[j, 2] - x[i, 2]
+                d = abs(nx * wx + ny * wy + nz * wz)
+                t = thickness + curvature * (wx * wx + wy * wy + wz * wz)
+                if d < t:
+                    support += weight[j] * (1.0 - (d / t) ** 2)
+            best = max(best, support)
+        out[i] = best
+    return out
+
+
+def sheet_evidence(
+    frames: Frames, T: Array, candidates: NDArray[np.bool_], belief: Array | None, config: LabelConfig, thickness: float
+) -> Array:
+    """(M, P) minus the support of the sheet through a point under each candidate part; IMPOSSIBLE elsewhere.
+
+    belief (M, P): current probability of every label; a neighbour that is thought to belong elsewhere counts less.
+    """
+    point, part = np.nonzero(candidates)
+    z = transform(inverse(T)[frames.frame[point], part], frames.points[point])
+    weight = np.ones(len(z)) if belief is None else 0.5 + 0.5 * belief[point, part]
+    keyed = np.column_stack([z, APART * part])
+    asked = np.flatnonzero((candidates.sum(axis=1) > 1)[point])
+    out = np.where(candidates, 0.0, IMPOSSIBLE)
+    if len(asked) == 0:
+        return out
+    k = min(config.sheet_neighbours, len(z))
+    d, j = cKDTree(keyed).query(keyed[asked], k=k, distance_upper_bound=config.sheet_radius, workers=-1)
+    frame = frames.frame[point]
+    valid = np.isfinite(d)
+    valid[valid] = frame[j[valid]] != np.broadcast_to(frame[asked][:, None], j.shape)[valid]
+    start = np.concatenate([[0], np.cumsum(valid.sum(axis=1))])
+    support = _sheet_support(
+        z[asked], z, weight, start, j[valid], thickness, config.sheet_curvature, config.sheet_tries
+    )
+    out[point[asked], part[asked]] = -support
+    return out
+
+
+@numba.njit(cache=True, parallel=True, fastmath=True)
+def _mean_field_sweep(unary, q, neighbour, weight, active, out):
+    M, P = unary.shape
+    for i in numba.prange(M):
+        if not active[i]:
+            out[i] = q[i]
+            continue
+        z = np.empty(P, dtype=np.float32)
+        for p in range(P):
+            z[p] = -unary[i, p]
+        for k in range(neighbour.shape[1]):
+            w, j = weight[i, k], neighbour[i, k]
+            if w > 0:
+                for p in range(P):
+                    z[p] += w * q[j, p]
+        top = z.max()
+        total = np.float32(0.0)
+        for p in range(P):
+            z[p] = np.exp(z[p] - top)
+            total += z[p]
+        for p in range(P):
+            out[i, p] = np.float32(0.5) * q[i, p] + np.float32(0.5) * z[p] / total
+
+
+def mean_field(unary: Array, graph: Graph, iterations: int = 20) -> Array:
+    """Label probabilities (M, P): damped synchronous mean field of the unary costs with Potts terms on the graph."""
+    U = (unary - unary.min(axis=1, keepdims=True)).astype(np.float32)
+    q = np.exp(-np.minimum(U, 50.0))
+    q /= q.sum(axis=1, keepdims=True)
+    active = (U < 0.5 * IMPOSSIBLE).sum(axis=1) > 1
+    weight, out = graph.weight.astype(np.float32), np.empty_like(q)
+    for _ in range(iterations):
+        _mean_field_sweep(U, q, graph.neighbour, weight, active, out)
+        q, out = out, q
+    return q
+
+
+class Labeller:
+    """Relabels all points for given motions. Keeps what does not change between calls."""
+
+    def __init__(self, frames: Frames, config: LabelConfig):
+        self.frames, self.config = frames, config
+        self.targets = evidence_frames(frames.n_frames, config.evidence_frames)
+        self.space = spatial_graph(frames, config.neighbours, config.space_scale)
+
+    def _time(self, T: Array, labels: IntArray) -> Graph:
+        return temporal_graph(self.frames, T, labels, self.targets, self.config.time_scale)
+
+    def coarse(self, model: Relaxed, radius: float) -> Relaxed:
+        """Labels by nearest-point evidence; parts that end with too few points are dissolved, smallest first."""
+        while True:
+            candidates = candidate_parts(self.frames, model.labels, model.n_parts, radius)
+            U = self.config.nearest_weight * nearest_evidence(self.frames, model.T, candidates, self.targets)
+            graph = Graph(self.space.neighbour, 0.5 * self.space.weight).join(self._time(model.T, model.labels), 1.0)
+            model = Relaxed(model.T, mean_field(U, graph).argmax(axis=1))
+            counts = model.counts()
+            if counts.min() >= self.config.minimum_points or model.n_parts == 1:
+                return model
+            model = drop_small(self.frames, model, np.nextafter(counts.min(), np.inf))
+
+    def fine(self, model: Relaxed, belief: Array | None, noise: float) -> tuple[Relaxed, Array]:
+        """Labels by sheet evidence, and the belief (M, P) for the next call. noise: plane noise of the data."""
+        config = self.config
+        thickness = max(config.sheet_thickness, config.sheet_thickness_noise * noise)
+        candidates = candidate_parts(self.frames, model.labels, model.n_parts, config.sheet_candidates)
+        U = sheet_evidence(self.frames, model.T, candidates, belief, config, thickness)
+        belief = mean_field(U, self.space)
+        graph = self.space.join(self._time(model.T, belief.argmax(axis=1)), 0.5)
+        belief = mean_field(U, graph)
+        return Relaxed(model.T, belief.argmax(axis=1)), belief

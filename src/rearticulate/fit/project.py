@@ -1,0 +1,311 @@
+"""From freely moving parts to a tree of one-degree-of-freedom joints (paper eq. 11 and 12, by chi-square tests).
+
+For a pair of parts X_k is the chi-square per degree of freedom of k joints between them, k = 0 to 3. X_0 near 1: one
+part. X_1 near 1: a joint. X_1 large but X_2 or X_3 small: links without points of their own hide between the two.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+from scipy.spatial import cKDTree
+
+from rearticulate.config import ProjectConfig
+from rearticulate.fit.articulated import Articulated
+from rearticulate.fit.chains import ChainFit, fit_prismatic, fit_revolute, fit_series, relative_motion, rest_cost
+from rearticulate.fit.cluster import adjacent_labels
+from rearticulate.fit.frames import Frames
+from rearticulate.fit.relaxed import Fused, Relaxed, fuse, fused_equations, keep_parts
+from rearticulate.geometry.se3 import exp_se3, inverse, transform
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+INFORMATION_SIGMA = 0.56
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the registration knows: information H (F, P, 6, 6) of every pose, plane noise sigma, the fused cloud."""
+
+    T: Array
+    H: Array
+    sigma: float
+    fused: Fused
+    canonical: int
+
+    def reduced(self, cost: Array) -> Array:
+        """Cost -> chi-square per degree of freedom."""
+        return cost / self.sigma**2 / (6 * (len(self.T) - 1))
+
+    def rms(self, cost: Array, W: Array) -> Array:
+        """Cost -> root mean square misfit of a point, in spacings."""
+        points = np.trace(W[..., 3:, 3:], axis1=-2, axis2=-1).sum(-1) / 1.1
+        return np.sqrt(cost / (points + 1e-9))
+
+
+def plane_noise(frames: Frames, canonical: int, model: Relaxed, floor: float) -> float:
+    """Robust deviation of the canonical points from the surfaces of the neighbouring frames, at least the floor."""
+    rows = frames.rows(canonical)
+    labels = model.labels[rows]
+    residuals = []
+    for f in (canonical - 1, canonical + 1):
+        if 0 <= f < frames.n_frames:
+            y = transform(model.T[f, labels], frames.points[rows])
+            j = frames.trees[f].query(y, workers=-1)[1]
+            residuals.append(np.abs(np.einsum("ij,ij->i", y - frames.trees[f].data[j], frames.normals[frames.rows(f)][j])))
+    return max(1.48 * float(np.median(np.concatenate(residuals))), floor)
+
+
+def gather_evidence(frames: Frames, canonical: int, model: Relaxed, config: ProjectConfig) -> Evidence:
+    fused = fuse(frames, model.T, model.labels)
+    H, _ = fused_equations(frames, canonical, model.T, model.labels, fused, INFORMATION_SIGMA)
+    return Evidence(model.T, H, plane_noise(frames, canonical, model, config.noise_floor), fused, canonical)
+
+
+def merge_resting(frames: Frames, canonical: int, model: Relaxed, config: ProjectConfig) -> Relaxed:
+    """Merge touching parts whose relative motion is within the noise, the most similar first."""
+    while model.n_parts > 1:
+        evidence = gather_evidence(frames, canonical, model, config)
+        pairs = sorted(adjacent_labels(evidence.fused.z[::4], model.labels[::4], 12))
+        if not pairs:
+            return model
+        a, b = np.array(pairs).T
+        A, W = relative_motion(model.T, evidence.H, a, b, canonical)
+        cost = rest_cost(A, W)
+        x, rms = evidence.reduced(cost), evidence.rms(cost, W)
+        slight = (rms < config.merge_rms) & (x < 10)
+        x = np.where(slight, np.minimum(x, 0.9 * config.merge * rms / config.merge_rms), x)
+        best = int(x.argmin())
+        if x[best] >= config.merge:
+            return model
+        counts = model.counts()
+        keep, lose = sorted((int(a[best]), int(b[best])), key=lambda p: -counts[p])
+        labels = np.where(model.labels == lose, keep, model.labels)
+        model = keep_parts(frames, Relaxed(model.T, labels), np.delete(np.arange(model.n_parts), lose))
+    return model
+
+
+def choose_root(frames: Frames, canonical: int, model: Relaxed, config: ProjectConfig) -> int:
+    """The largest part among those whose own points move little more than the least moving part's."""
+    rows = frames.rows(canonical)
+    labels = model.labels[rows]
+    travel = np.linalg.norm(model.moved_points(frames, canonical) - frames.points[rows], axis=-1).mean(axis=0)
+    size = np.bincount(labels, minlength=model.n_parts)
+    mean = np.bincount(labels, travel, minlength=model.n_parts) / np.maximum(size, 1)
+    mean[size == 0] = np.inf
+    still = mean <= config.root_motion * mean.min() + 0.5
+    return int(np.where(still, model.counts(), -1).argmax())
+
+
+def part_gaps(evidence: Evidence, P: int, rng: np.random.Generator, sample: int = 400) -> Array:
+    """(P, P) mean over the frames of the smallest distances between two parts (mean of three)."""
+    z = [evidence.fused.z[evidence.fused.labels == p] for p in range(P)]
+    z = [x if len(x) <= sample else rng.choice(x, sample, replace=False) for x in z]
+    trees = [cKDTree(x) for x in z]
+    T = evidence.T
+    gap = np.zeros((P, P))
+    for p in range(P):
+        for q in range(p):
+            moved = transform((inverse(T[:, q]) @ T[:, p])[:, None], z[p])
+            d = trees[q].query(moved.reshape(-1, 3), workers=-1)[0].reshape(len(T), -1)
+            nearest = np.partition(d, min(2, d.shape[1] - 1), axis=1)[:, :3]
+            gap[p, q] = gap[q, p] = nearest.mean()
+    return gap
+
+
+def contact_point(evidence: Evidence, a: int, b: int, n: int = 40) -> Array:
+    """(3,) middle of the nearest fused points of two parts."""
+    za, zb = (evidence.fused.z[evidence.fused.labels == p] for p in (a, b))
+    d, j = cKDTree(zb).query(za, workers=-1)
+    near = np.argsort(d, kind="stable")[:n]
+    return (za[near] + zb[j[near]]).mean(axis=0) / 2
+
+
+@dataclass(frozen=True)
+class Joints:
+    """One joint for each of B pairs (a moves against b): twist (B, 6), q (B, F), revolute (B,), cost (B,), W.
+
+    other_cost (B,): the cost of the other type.
+    """
+
+    twist: Array
+    q: Array
+    revolute: NDArray[np.bool_]
+    cost: Array
+    other_cost: Array
+    W: Array
+
+
+def fit_joints(evidence: Evidence, a: IntArray, b: IntArray, config: ProjectConfig) -> Joints:
+    """The better of a revolute and a prismatic joint for every pair; a slide is preferred when it is about as good."""
+    A, W = relative_motion(evidence.T, evidence.H, a, b, evidence.canonical)
+    turn = fit_revolute(A, W, evidence.canonical)
+    centre = np.stack([evidence.fused.z[evidence.fused.labels == p].mean(axis=0) for p in a])
+    slide = fit_prismatic(A, W, centre, evidence.canonical)
+    sliding = (slide.cost - turn.cost) / evidence.sigma**2 < config.prismatic_margin
+    return Joints(
+        twist=np.where(sliding[:, None], slide.twist[:, 0], turn.twist[:, 0]),
+        q=np.where(sliding[:, None], slide.q[..., 0], turn.q[..., 0]),
+        revolute=~sliding,
+        cost=np.where(sliding, slide.cost, turn.cost),
+        other_cost=np.where(sliding, turn.cost, slide.cost),
+        W=W,
+    )
+
+
+def tree_costs(evidence: Evidence, P: int, config: ProjectConfig, rng: np.random.Generator) -> Array:
+    """(P, P) cost of joining two parts: log(1 + X_1), or with a hidden link series_cost + log(1 + X_2); plus the gap."""
+    gap = part_gaps(evidence, P, rng)
+    cost = 20 + gap
+    a, b = np.nonzero(np.tril(gap < config.gap, -1))
+    if len(a) == 0:
+        return cost
+    one = evidence.reduced(fit_joints(evidence, a, b, config).cost)
+    best = np.log1p(one)
+    series = np.flatnonzero((one > config.joint) & (gap[a, b] < config.gap_series))
+    if len(series):
+        A, W = relative_motion(evidence.T, evidence.H, a[series], b[series], evidence.canonical)
+        contact = np.stack([contact_point(evidence, int(p), int(q)) for p, q in zip(a[series], b[series], strict=True)])
+        two = evidence.reduced(fit_series(A, W, contact, 2, evidence.canonical, starts=3).cost)
+        best[series] = np.minimum(best[series], config.series_cost + np.log1p(two))
+    cost[a, b] = cost[b, a] = best + config.gap_weight * gap[a, b]
+    return cost
+
+
+def spanning_tree(cost: Array, root: int) -> tuple[IntArray, IntArray]:
+    """Minimum spanning tree of a full cost matrix: parents (P,) and the parts in breadth-first order."""
+    P = len(cost)
+    if P == 1:
+        return np.array([-1]), np.array([0])
+    i, j = np.nonzero(np.tril(np.ones((P, P)), -1))
+    positive = cost[i, j] - cost.min() + 1.0  # the sparse graph drops zero costs
+    tree = minimum_spanning_tree(coo_matrix((positive, (i, j)), shape=(P, P)))
+    order, parent = breadth_first_order(tree, root, directed=False)
+    return np.where(parent < 0, -1, parent).astype(np.int64), order.astype(np.int64)
+
+
+@dataclass
+class Link:
+    """A joint of the tree under construction: part `child` hangs on `parent`."""
+
+    child: int
+    parent: int
+    twist: Array
+    q: Array
+    revolute: bool
+
+
+def _series_test(evidence: Evidence, a: int, b: int, contact: Array, k: int, starts: int = 6) -> tuple[float, ChainFit]:
+    A, W = relative_motion(evidence.T, evidence.H, np.array([a]), np.array([b]), evidence.canonical)
+    fit = fit_series(A, W, contact[None], k, evidence.canonical, starts)
+    return float(evidence.reduced(fit.cost)[0]), fit.take(0)
+
+
+def hidden_links(
+    evidence: Evidence, a: int, b: int, x1: float, rms: float, config: ProjectConfig
+) -> tuple[ChainFit | None, float, Array]:
+    """Two or three joints in series between a and b when one does not do (chi-square x1) and they do."""
+    contact = contact_point(evidence, a, b)
+    if x1 < config.joint or rms < config.joint_rms:
+        return None, x1, contact
+    x2, two = _series_test(evidence, a, b, contact, 2)
+    if rms < config.small_rms and not (x2 < config.small_gain * x1 and x2 < 0.5):
+        return None, x1, contact
+    if x2 >= config.joint:
+        x3, three = _series_test(evidence, a, b, contact, 3)
+        if x3 < config.gain * min(x2, x1):
+            return three, x3, contact
+    return (two, x2, contact) if x2 < config.gain * x1 else (None, x1, contact)
+
+
+def project(
+    frames: Frames, canonical: int, model: Relaxed, config: ProjectConfig, rng: np.random.Generator
+) -> tuple[Articulated, IntArray, int]:
+    """The tree of joints of the relaxed model, the labels (M,) with any hidden links given their first points, and
+    how many joints still fail their test."""
+    evidence = gather_evidence(frames, canonical, model, config)
+    P = model.n_parts
+    root = choose_root(frames, canonical, model, config)
+    if P == 1:
+        return _assemble([], model.T[:, root], root, 1, model.labels)[0], np.zeros_like(model.labels), 0
+    parent, order = spanning_tree(tree_costs(evidence, P, config, rng), root)
+    child = order[1:]
+    joints = fit_joints(evidence, child, parent[child], config)
+    x1, rms = evidence.reduced(joints.cost), evidence.rms(joints.cost, joints.W)
+    links = {
+        int(c): Link(int(c), int(parent[c]), joints.twist[i], joints.q[i], bool(joints.revolute[i]))
+        for i, c in enumerate(child)
+    }
+    x = {int(c): float(x1[i]) for i, c in enumerate(child)}
+    r = {int(c): float(rms[i]) for i, c in enumerate(child)}
+    failing = sum(v > config.joint for v in x.values())
+    _replace_small_middles(evidence, model, links, x, config)
+    labels, n_links = model.labels.copy(), P
+    z = evidence.fused.z
+    for c in [int(c) for c in child]:
+        link = links[c]
+        chain, _, contact = hidden_links(evidence, c, link.parent, x[c], r[c], config)
+        if chain is None:
+            continue
+        k = chain.twist.shape[0]
+        near = np.linalg.norm(z - contact, axis=1) < 2.8
+        above = link.parent
+        for i in range(k - 1):
+            links[n_links] = Link(n_links, above, chain.twist[i], chain.q[:, i], True)
+            above = n_links
+            n_links += 1
+        labels[near & (model.labels == link.parent)] = n_links - (k - 1)
+        labels[near & (model.labels == c)] = n_links - 1
+        links[c] = Link(c, above, chain.twist[k - 1], chain.q[:, k - 1], True)
+    tree, number = _assemble(list(links.values()), model.T[:, root], root, n_links, labels)
+    return tree, number[labels], failing
+
+
+def _replace_small_middles(
+    evidence: Evidence, model: Relaxed, links: dict[int, Link], x: dict[int, float], config: ProjectConfig
+) -> None:
+    """A small part whose two joints both fail becomes the middle link of a two-joint chain between its neighbours."""
+    counts = model.counts()
+    for v in sorted(links, key=lambda p: counts[p]):
+        children = [c for c in links if links[c].parent == v]
+        if len(children) != 1 or counts[v] > config.small_part * counts.sum():
+            continue
+        a, b = children[0], links[v].parent
+        if x[a] < config.joint or x[v] < config.joint:
+            continue
+        contact = (contact_point(evidence, a, v) + contact_point(evidence, v, b)) / 2
+        x2, two = _series_test(evidence, a, b, contact, 2)
+        if x2 < config.joint and x2 < config.gain * (x[a] + x[v]):
+            links[v] = Link(v, b, two.twist[0], two.q[:, 0], True)
+            links[a] = Link(a, v, two.twist[1], two.q[:, 1], True)
+            x[v] = x[a] = x2
+
+
+def _assemble(links: list[Link], T_root: Array, root: int, P: int, labels: IntArray) -> tuple[Articulated, IntArray]:
+    """Number the parts parents first. Returns the tree and the new number of every old part."""
+    by_parent: dict[int, list[Link]] = {}
+    for link in links:
+        by_parent.setdefault(link.parent, []).append(link)
+    number, queue, F = np.full(P, -1), [root], len(T_root)
+    parent, twist, revolute, q = [-1], [np.zeros(6)], [True], [np.zeros(F)]
+    number[root] = 0
+    while queue:
+        for link in sorted(by_parent.get(queue[0], []), key=lambda k: k.child):
+            number[link.child] = len(parent)
+            parent.append(int(number[link.parent]))
+            twist.append(link.twist)
+            revolute.append(link.revolute)
+            q.append(link.q)
+            queue.append(link.child)
+        queue.pop(0)
+    return Articulated(np.array(parent), np.array(twist), np.array(revolute), np.stack(q, axis=1), T_root.copy()), number
+
+
+def link_motion(tree: Articulated, j: int) -> Array:
+    """(F, 4, 4) motion of part j seen from its parent, canonical coordinates."""
+    return exp_se3(tree.q[:, j, None] * tree.twist[j])

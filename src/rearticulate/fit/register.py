@@ -1,0 +1,126 @@
+"""Rigid registration of many bodies at once: point to plane with a share of point to point, Geman-McClure weights.
+
+Every registration in the solver is a weighted least squares problem over left twists (omega, v) of body poses:
+minimise sum w ((n . (y - z))^2 + s |y - z|^2) over y <- exp(twist) y. `accumulate` builds its normal equations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from rearticulate.geometry.se3 import exp_se3, rotate, transform
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+TWIST_DAMPING = np.array([1e-3] * 3 + [1e-5] * 3)
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Gauss-Newton steps with a robust scale that shrinks geometrically. Lengths in point spacings."""
+
+    iterations: int
+    sigma: float
+    sigma_end: float
+    point_share: float = 0.1
+    max_distance: float = np.inf
+
+    def scale(self, i: int) -> float:
+        return self.sigma * (self.sigma_end / self.sigma) ** (i / max(self.iterations - 1, 1))
+
+
+def geman_mcclure(squared: Array, sigma: float | Array) -> Array:
+    """Weight of a residual with this square under the Geman-McClure kernel."""
+    return 1.0 / (1.0 + squared / (sigma * sigma)) ** 2
+
+
+@numba.njit(cache=True)
+def accumulate(y, z, normal, w_plane, w_point, body, H, g):
+    """Add to H (B, 6, 6), g (B, 6): sum over points of w_plane (n . d)^2 + w_point |d|^2, d = y - z, w.r.t. a left twist."""
+    J = np.empty(6)
+    for i in range(len(y)):
+        b = body[i]
+        a, p = w_plane[i], w_point[i]
+        if a <= 0 and p <= 0:
+            continue
+        y0, y1, y2 = y[i, 0], y[i, 1], y[i, 2]
+        d0, d1, d2 = y0 - z[i, 0], y1 - z[i, 1], y2 - z[i, 2]
+        n0, n1, n2 = normal[i, 0], normal[i, 1], normal[i, 2]
+        J[0], J[1], J[2] = y1 * n2 - y2 * n1, y2 * n0 - y0 * n2, y0 * n1 - y1 * n0
+        J[3], J[4], J[5] = n0, n1, n2
+        r = n0 * d0 + n1 * d1 + n2 * d2
+        for u in range(6):
+            g[b, u] += a * J[u] * r
+            for v in range(u, 6):
+                H[b, u, v] += a * J[u] * J[v]
+        g[b, 0] += p * (y1 * d2 - y2 * d1)
+        g[b, 1] += p * (y2 * d0 - y0 * d2)
+        g[b, 2] += p * (y0 * d1 - y1 * d0)
+        g[b, 3] += p * d0
+        g[b, 4] += p * d1
+        g[b, 5] += p * d2
+        H[b, 0, 0] += p * (y1 * y1 + y2 * y2)
+        H[b, 1, 1] += p * (y0 * y0 + y2 * y2)
+        H[b, 2, 2] += p * (y0 * y0 + y1 * y1)
+        H[b, 0, 1] -= p * y0 * y1
+        H[b, 0, 2] -= p * y0 * y2
+        H[b, 1, 2] -= p * y1 * y2
+        H[b, 0, 4] -= p * y2
+        H[b, 0, 5] += p * y1
+        H[b, 1, 3] += p * y2
+        H[b, 1, 5] -= p * y0
+        H[b, 2, 3] -= p * y1
+        H[b, 2, 4] += p * y0
+        H[b, 3, 3] += p
+        H[b, 4, 4] += p
+        H[b, 5, 5] += p
+
+
+def normal_equations(y, z, normal, w_plane, w_point, body, n_bodies: int) -> tuple[Array, Array]:
+    """H (B, 6, 6) symmetric and g (B, 6) of `accumulate`."""
+    H, g = np.zeros((n_bodies, 6, 6)), np.zeros((n_bodies, 6))
+    accumulate(y, z, normal, w_plane, w_point, body, H, g)
+    upper = np.triu(H, 1)
+    return H + np.swapaxes(upper, -1, -2), g
+
+
+def solve_twists(H: Array, g: Array) -> Array:
+    """Damped Gauss-Newton steps (B, 6)."""
+    return -np.linalg.solve(H + np.diag(TWIST_DAMPING), g[..., None])[..., 0]
+
+
+def register_bodies(
+    tree: cKDTree, target_normals: Array, points: Array, normals: Array, body: IntArray, T: Array, schedule: Schedule
+) -> Array:
+    """Refine T_target_body (B, 4, 4) so that the bodies' points (n, 3) lie on the target cloud; bodies are independent."""
+    T = T.copy()
+    for i in range(schedule.iterations):
+        sigma = schedule.scale(i)
+        y, ny = transform(T[body], points), rotate(T[body], normals)
+        d, j = tree.query(y, distance_upper_bound=schedule.max_distance, workers=-1)
+        found = np.isfinite(d)
+        j = np.where(found, j, 0)
+        z, nz = tree.data[j], target_normals[j]
+        agreement = np.abs(np.einsum("ij,ij->i", ny, nz))
+        r = np.einsum("ij,ij->i", y - z, nz)
+        d = np.where(found, d, 0.0)
+        w = geman_mcclure(r * r + 0.1 * d * d, sigma) * np.where(agreement > 0.4, agreement, 0.05) * found
+        step = solve_twists(*normal_equations(y, z, nz, w, schedule.point_share * w, body, len(T)))
+        T = exp_se3(step) @ T
+        if np.abs(step).max() < 1e-4:
+            break
+    return T
+
+
+def fit_cost(tree: cKDTree, target_normals: Array, y: Array, ny: Array) -> Array:
+    """(n,) robust misfit of moved points y with normals ny to a cloud: distance, plane distance and normal, each capped."""
+    d, j = tree.query(y, workers=-1)
+    r = np.abs(np.einsum("ij,ij->i", y - tree.data[j], target_normals[j]))
+    c = 1 - np.abs(np.einsum("ij,ij->i", ny, target_normals[j]))
+    return np.minimum(d, 2.0) + 0.25 * np.minimum(r / 0.28, 3.0) + 0.2 * np.minimum(c / 0.3, 1.0)

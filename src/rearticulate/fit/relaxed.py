@@ -1,0 +1,157 @@
+"""The relaxed model: rigid parts that move freely, and the part of every point of every frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from rearticulate.fit.frames import Frames, smallest_direction
+from rearticulate.fit.register import Schedule, geman_mcclure, normal_equations, register_bodies, solve_twists
+from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, transform
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+APART = 1e4  # distance between the clouds of different parts in the 4D tree of `Fused`
+
+
+@dataclass(frozen=True)
+class Relaxed:
+    """T (F, P, 4, 4): T_frame_canonical of every part, identity at the canonical frame. labels (M,): part of each point."""
+
+    T: Array
+    labels: IntArray
+
+    @property
+    def n_parts(self) -> int:
+        return self.T.shape[1]
+
+    def counts(self) -> Array:
+        """(P,) mean number of points a frame."""
+        return np.bincount(self.labels, minlength=self.n_parts) / len(self.T)
+
+    def moved_points(self, frames: Frames, canonical: int) -> Array:
+        """(F, N, 3) canonical points moved to every frame."""
+        rows = frames.rows(canonical)
+        return transform(self.T[:, self.labels[rows]], frames.points[rows])
+
+
+def to_canonical(frames: Frames, T: Array, labels: IntArray) -> Array:
+    """(M, 3) every point of every frame carried back to the canonical frame by its part."""
+    return transform(inverse(T)[frames.frame, labels], frames.points)
+
+
+def spread_labels(frames: Frames, canonical: int, T: Array, labels: IntArray) -> IntArray:
+    """Labels (N,) of the canonical points -> labels (M,) of all points, by the nearest moved canonical point."""
+    rows = frames.rows(canonical)
+    out = np.empty(len(frames.points), dtype=np.int64)
+    for f in range(frames.n_frames):
+        moved = transform(T[f, labels], frames.points[rows])
+        out[frames.rows(f)] = labels[cKDTree(moved).query(frames.points[frames.rows(f)], workers=-1)[1]]
+    out[rows] = labels
+    return out
+
+
+def keep_parts(frames: Frames, model: Relaxed, keep: IntArray) -> Relaxed:
+    """Only these parts, renumbered; points of the others go to the part of the nearest kept point of their frame."""
+    number = np.full(model.n_parts, -1)
+    number[keep] = np.arange(len(keep))
+    labels = number[model.labels]
+    for f in range(frames.n_frames):
+        rows = frames.rows(f)
+        lost = labels[rows] < 0
+        if lost.any():
+            points, kept = frames.points[rows], labels[rows][~lost]
+            if len(kept) == 0:
+                labels[rows] = 0
+                continue
+            labels[rows] = np.where(lost, kept[cKDTree(points[~lost]).query(points)[1]], labels[rows])
+    return Relaxed(model.T[:, keep], labels)
+
+
+def drop_small(frames: Frames, model: Relaxed, minimum: float) -> Relaxed:
+    """Dissolve parts with fewer than `minimum` points a frame (the largest part always stays)."""
+    counts = model.counts()
+    keep = np.flatnonzero((counts >= minimum) | (np.arange(model.n_parts) == counts.argmax()))
+    return model if len(keep) == model.n_parts else keep_parts(frames, model, keep)
+
+
+@dataclass(frozen=True)
+class Fused:
+    """All frames' points in the canonical frame, searchable within one part at a time.
+
+    z (M, 3), normals (M, 3), labels (M,), frame (M,); tree over (z, APART * label).
+    """
+
+    z: Array
+    normals: Array
+    labels: IntArray
+    frame: IntArray
+    tree: cKDTree
+
+    def nearest_of_other_frames(self, y: Array, label: IntArray, frame: IntArray, k: int = 6) -> tuple[Array, IntArray]:
+        """Distance and row of the nearest fused point of the same part that comes from another frame (inf if none)."""
+        d, j = self.tree.query(np.column_stack([y, APART * label]), k=k, workers=-1)
+        d = np.where((self.frame[np.minimum(j, len(self.z) - 1)] == frame[:, None]) | (d > APART / 2), np.inf, d)
+        best = d.argmin(axis=1)
+        rows = np.arange(len(y))
+        return d[rows, best], np.minimum(j[rows, best], len(self.z) - 1)
+
+
+def fuse(frames: Frames, T: Array, labels: IntArray, neighbours: int = 24) -> Fused:
+    """Bring all points to the canonical frame; normals from the dense fused cloud of each part."""
+    z = to_canonical(frames, T, labels)
+    keyed = np.column_stack([z, APART * labels])
+    tree = cKDTree(keyed)
+    d, j = tree.query(keyed, k=min(neighbours, len(z)), workers=-1)
+    j = np.where(d < APART / 2, j, j[:, :1])
+    return Fused(z, smallest_direction(z[j]), labels, frames.frame, tree)
+
+
+def register_to_frames(frames: Frames, canonical: int, model: Relaxed, schedule: Schedule) -> Relaxed:
+    """Register the canonical points of every part to every frame."""
+    rows = frames.rows(canonical)
+    x, nx, labels = frames.points[rows], frames.normals[rows], model.labels[rows]
+    T = model.T.copy()
+    for f in range(frames.n_frames):
+        if f != canonical:
+            T[f] = register_bodies(frames.trees[f], frames.normals[frames.rows(f)], x, nx, labels, T[f], schedule)
+    return Relaxed(T, model.labels)
+
+
+def fused_equations(
+    frames: Frames, canonical: int, T: Array, labels: IntArray, fused: Fused, sigma: float, max_distance: float = 2.8
+) -> tuple[Array, Array]:
+    """Normal equations H (F, P, 6, 6), g (F, P, 6) of the left twists of T from frame points against the fused cloud.
+
+    The residual lives in the canonical frame; a left twist of inv(T) there is -inv(T) (twist) T here.
+    """
+    F, P = T.shape[:2]
+    T_back = inverse(T)
+    y = transform(T_back[frames.frame, labels], frames.points)
+    d, j = fused.nearest_of_other_frames(y, labels, frames.frame)
+    found = (d < max_distance) & (frames.frame != canonical)
+    z, n = fused.z[j], fused.normals[j]
+    r = np.einsum("ij,ij->i", y - z, n)
+    d = np.where(found, d, 0.0)
+    w = geman_mcclure(r * r + 0.1 * d * d, sigma) * found
+    H, g = normal_equations(y, z, n, w, 0.03 * w, frames.frame * P + labels, F * P)
+    A = adjoint(T_back.reshape(-1, 4, 4))
+    A_t = np.swapaxes(A, -1, -2)
+    return (A_t @ H @ A).reshape(F, P, 6, 6), -(A_t @ g[..., None])[..., 0].reshape(F, P, 6)
+
+
+def register_to_fused(
+    frames: Frames, canonical: int, model: Relaxed, sigma: float = 0.56, inner: int = 5
+) -> Relaxed:
+    """Register every frame's points of a part to the dense cloud of that part made of the other frames."""
+    fused = fuse(frames, model.T, model.labels)
+    T = model.T.copy()
+    moving = np.arange(len(T)) != canonical
+    for _ in range(inner):
+        H, g = fused_equations(frames, canonical, T, model.labels, fused, sigma)
+        T[moving] = exp_se3(solve_twists(H, g)[moving]) @ T[moving]
+    return Relaxed(T, model.labels)

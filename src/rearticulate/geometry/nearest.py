@@ -1,0 +1,36 @@
+"""Neighbours in point clouds."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@numba.njit(cache=True)
+def _farthest(points, first, count):
+    chosen = np.empty(count, dtype=np.int64)
+    nearest = np.full(len(points), np.inf)
+    j = first
+    for k in range(count):
+        chosen[k] = j
+        best, best_d = 0, -1.0
+        for i in range(len(points)):
+            d = 0.0
+            for a in range(3):
+                d += (points[i, a] - points[j, a]) ** 2
+            if d < nearest[i]:
+                nearest[i] = d
+            if nearest[i] > best_d:
+                best, best_d = i, nearest[i]
+        j = best
+    return chosen
+
+
+def farthest_points(points: Array, count: int) -> IntArray:
+    """Indices of `count` farthest-point samples of points (N, 3), starting with the one farthest from the centroid."""
+    first = int(((points - points.mean(axis=0)) ** 2).sum(axis=1).argmax())
+    return _farthest(np.ascontiguousarray(points), first, min(count, len(points)))
