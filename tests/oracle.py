@@ -72,3 +72,28 @@ def _joint(relative: Array) -> tuple[JointType, Array, Array, Array]:
         return "prismatic", axis, np.zeros(3), twist[:, 3:] @ axis
     origin = np.cross(axis, largest[3:]) / np.linalg.norm(largest[:3])
     return "revolute", axis, origin, twist[:, :3] @ axis
+
+
+def random_model(seed: int, max_parts: int = 7, points: int = 40) -> KinematicModel:
+    """A random tree of revolute and prismatic joints with a small ball of points a part, limits of one unit."""
+    rng = np.random.default_rng(seed)
+    P = int(rng.integers(1, max_parts + 1))
+    kinds: list[JointType] = [
+        "floating",
+        *(["revolute", "revolute", "prismatic"][i] for i in rng.integers(0, 3, P - 1)),
+    ]
+    axis = rng.normal(size=(P, 3))
+    axis[0] = 0
+    axis[1:] /= np.linalg.norm(axis[1:], axis=1, keepdims=True)
+    centre = rng.normal(size=(P, 3))
+    return KinematicModel(
+        canonical=0,
+        parent=np.array([-1] + [int(rng.integers(0, j)) for j in range(1, P)]),
+        joint_type=tuple(kinds),
+        axis=axis,
+        origin=centre + 0.3 * rng.normal(size=(P, 3)),
+        limits=np.tile([-0.5, 0.5], (P, 1)),
+        names=tuple(f"part_{j}" for j in range(P)),
+        points=np.concatenate([c + 0.2 * rng.normal(size=(points, 3)) for c in centre]),
+        labels=np.repeat(np.arange(P), points),
+    )

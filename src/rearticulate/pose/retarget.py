@@ -139,7 +139,9 @@ def _first_guesses(problem: PoseProblem, part: IntArray, rng: np.random.Generato
     q = np.concatenate([[np.zeros_like(low), problem.rest], rng.uniform(low, high, (RANDOM_STARTS, len(low)))])
     root = np.tile(np.eye(4), (len(q), 1, 1))
     if problem.free_root:
-        root[1::2] = kabsch(problem.source, problem.target)
+        own = part == 0
+        known = own if own.sum() >= 3 else np.ones_like(own)  # the root's own points tell its pose, if there are enough
+        root[1::2] = kabsch(problem.source[known], problem.target[known])
     led = follow_chains(problem, q, root, part)
     return start(problem, np.concatenate([q, led]), np.concatenate([root, root]), np.tile(part, (2 * len(q), 1)))
 
@@ -214,9 +216,10 @@ def _relabel(problem: PoseProblem, best: Starts, alternatives: list[tuple[int, i
     """
     sigma = SIGMAS[-1]
     for _ in range(MAX_RELABELS):
-        trials = [_with_label(problem, best, k, p) for k, p in alternatives if best.part[0, k] != p]
-        if not trials or (residuals(problem, best) ** 2).sum(axis=-1).max() < sigma**2:
+        pairs = [(k, p) for k, p in alternatives if best.part[0, k] != p]
+        if not pairs or (residuals(problem, best) ** 2).sum(axis=-1).max() < sigma**2:
             break
+        trials = [_with_label(problem, best, k, p) for k, p in pairs]
         trial = _finish(problem, solve(problem, Starts.join(trials), SIGMAS[-2], 10).best(SURVIVORS))
         if trial.energy[0] > best.energy[0] - RELABEL_GAIN * sigma**2:
             break
