@@ -9,3 +9,7 @@ class InputError(ValueError):
 
 class FitError(RuntimeError):
     """The input was fine but the work could not be finished (exit code 1)."""
+
+
+class InputWarning(UserWarning):
+    """The input can be used but something in it was dropped or looks odd; one line."""

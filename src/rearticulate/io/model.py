@@ -1,0 +1,291 @@
+"""The folder of a result, format 1. No pickles; numbers survive a round trip exactly.
+
+model.json     what a person may want to read:
+    format         1; a reader refuses a higher number
+    version        of the package that wrote it
+    canonical      index of the frame whose cloud defines the rest pose
+    parts          in order, parents before children; each with
+        name, parent   the parent's name, null at the root
+        joint_type     "floating" at the root, else "fixed", "revolute" or "prismatic": joint to the parent
+        axis, origin   unit axis and a point on it, metres, in the coordinates of the canonical frame
+        limits         observed range of the joint value, rad or m
+        diagnostics    see `records.JointDiagnostics`
+    energy, energies   of the result and of each canonical frame that was tried
+    stages         name and seconds of each stage
+    seed, config   what to repeat the fit with
+    Not-a-number and infinities are the strings "nan", "inf" and "-inf".
+config.json    the resolved configuration once more, on its own
+arrays.npz     points (N, 3) float64 and labels (N,) int64: canonical cloud and its parts; q (F, P);
+               T_world_root (F, 4, 4); residual (F,); frame_labels (sum N_f,): the part of each point of the input,
+               frame f in frame_labels[frame_offsets[f]:frame_offsets[f + 1]]; frame_index, split alike: row of each
+               of these points in its source file
+joints.csv     a line a frame: frame, then one column a moving joint, "name [rad]" or "name [m]"
+canonical.ply  the canonical cloud, coloured by part
+stages/        what a stopped fit goes on from (see `io.stages`); kept when the result is replaced
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from rearticulate.errors import InputError
+from rearticulate.io.atomic import atomic_folder
+from rearticulate.io.npz import load_arrays, one_line, write_arrays
+from rearticulate.io.palette import part_colors
+from rearticulate.io.ply import write_cloud
+from rearticulate.records import (
+    FitResult,
+    IntArray,
+    JointDiagnostics,
+    JointType,
+    KinematicModel,
+    Motion,
+    PointSequence,
+    StageTime,
+)
+
+FORMAT = 1
+_UNITS = {"revolute": "rad", "prismatic": "m"}
+_NUMBERS = ("residual", "observed_range", "axis_std", "origin_std", "runner_up_margin")
+PathLike = str | os.PathLike[str]
+
+
+def save_result(
+    folder: PathLike,
+    result: FitResult,
+    sequence: PointSequence,
+    *,
+    overwrite: bool = False,
+    extra: Callable[[Path], None] | None = None,
+) -> None:
+    """Write the folder of a result, whole or not at all (FitError). `extra` may write more files into it.
+
+    overwrite: replace the folder of an earlier result; nothing else is ever replaced (see `check_output`).
+    """
+    check_output(folder, overwrite=overwrite)
+    with atomic_folder(folder, keep="stages") as partial:
+        _write_json(partial / "model.json", _describe(result))
+        _write_json(partial / "config.json", _plain(result.config))
+        write_arrays(partial / "arrays.npz", _arrays(result, sequence), compress=True)
+        _write_joints(partial / "joints.csv", result)
+        model = result.model
+        write_cloud(partial / "canonical.ply", model.points, part_colors(model.n_parts)[model.labels])
+        if extra is not None:
+            extra(partial)
+
+
+def check_output(folder: PathLike, *, overwrite: bool = False) -> None:
+    """An InputError unless a result may be written to `folder`: call it before the work, not after.
+
+    Fine are: no such folder; an empty one; one with nothing but stages/; with `overwrite`, one with a result in it.
+    """
+    folder = Path(folder)
+    if not os.path.lexists(folder):
+        return
+    if not folder.is_dir():
+        raise InputError(f"{folder}: exists and is not a folder")
+    try:
+        names = {child.name for child in folder.iterdir()}
+    except OSError as error:
+        raise InputError(f"{folder}: {error.strerror or error}") from error
+    if names <= {"stages"}:
+        return
+    if not names & {"model.json", "stages"}:
+        raise InputError(f"{folder}: not empty and not an earlier result, so it is not replaced; name another folder")
+    if not overwrite:
+        raise InputError(f"{folder}: holds an earlier result; name another folder or ask for it to be overwritten")
+
+
+def load_result(folder: PathLike) -> FitResult:
+    """Read what `save_result` wrote."""
+    folder = Path(folder)
+    record, arrays = _read(folder)
+    with _damage(folder):
+        model = _model(record, arrays)
+        motion = Motion(arrays["q"], arrays["T_world_root"])
+        labels = _split(arrays["frame_labels"], arrays["frame_offsets"])
+        F = len(labels)
+        shapes = (motion.q.shape, motion.T_world_root.shape, arrays["residual"].shape)
+        if shapes != ((F, model.n_parts), (F, 4, 4), (F,)):
+            raise ValueError("the arrays disagree on the number of frames or parts")
+        return FitResult(
+            model=model,
+            motion=motion,
+            labels=labels,
+            joints=tuple(_diagnostics(part["diagnostics"]) for part in record["parts"]),
+            energy=float(record["energy"]),
+            energies={int(frame): float(energy) for frame, energy in record["energies"].items()},
+            residual=arrays["residual"],
+            stages=tuple(StageTime(str(s["name"]), float(s["seconds"])) for s in record["stages"]),
+            config=record["config"],
+            seed=int(record["seed"]),
+        )
+
+
+def load_model(path: PathLike) -> KinematicModel:
+    """The model alone, from the folder of a result or from the model.json in it."""
+    path = Path(path)
+    folder = path.parent if path.name == "model.json" else path
+    record, arrays = _read(folder)
+    with _damage(folder):
+        return _model(record, arrays)
+
+
+def _describe(result: FitResult) -> dict[str, Any]:
+    model = result.model
+    if len(set(model.names)) < model.n_parts:
+        raise ValueError(f"part names must be unique: {', '.join(model.names)}")
+    parts = [
+        {
+            "name": model.names[j],
+            "parent": None if model.parent[j] < 0 else model.names[model.parent[j]],
+            "joint_type": model.joint_type[j],
+            "axis": model.axis[j],
+            "origin": model.origin[j],
+            "limits": model.limits[j],
+            "diagnostics": asdict(result.joints[j]),
+        }
+        for j in range(model.n_parts)
+    ]
+    record = {
+        "format": FORMAT,
+        "version": _package_version(),
+        "canonical": model.canonical,
+        "parts": parts,
+        "energy": result.energy,
+        "energies": result.energies,
+        "stages": [asdict(stage) for stage in result.stages],
+        "seed": result.seed,
+        "config": result.config,
+    }
+    return _plain(record)
+
+
+def _package_version() -> str:
+    try:
+        return version("rearticulate")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def _plain(value: Any) -> Any:
+    """The same value in what JSON has: arrays and tuples as lists, paths as text, non-finite numbers as strings."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        return _plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value if value is None or isinstance(value, (bool, int, float, str)) else str(value)
+
+
+def _write_json(path: Path, record: Any) -> None:
+    path.write_text(json.dumps(record, indent=2, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _arrays(result: FitResult, sequence: PointSequence) -> dict[str, Any]:
+    sizes = [len(frame) for frame in result.labels]
+    if sizes != [len(frame) for frame in sequence.points]:
+        raise ValueError("the result has labels for other frames than those of the sequence")
+    return {
+        "points": result.model.points,
+        "labels": result.model.labels,
+        "q": result.motion.q,
+        "T_world_root": result.motion.T_world_root,
+        "residual": result.residual,
+        "frame_labels": np.concatenate(result.labels),
+        "frame_index": np.concatenate(sequence.index),
+        "frame_offsets": np.cumsum([0, *sizes]),
+    }
+
+
+def _write_joints(path: Path, result: FitResult) -> None:
+    model = result.model
+    moving = [j for j, kind in enumerate(model.joint_type) if kind in _UNITS]
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["frame", *(f"{model.names[j]} [{_UNITS[model.joint_type[j]]}]" for j in moving)])
+        writer.writerows([f, *(repr(float(value)) for value in q[moving])] for f, q in enumerate(result.motion.q))
+
+
+def _read(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """model.json and arrays.npz, of a format that we know."""
+    path = folder / "model.json"
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise InputError(f"{folder}: no result here, it has no model.json") from error
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: damaged, not valid JSON ({one_line(error)})") from error
+    written = record.get("format") if isinstance(record, dict) else None
+    if not isinstance(written, int):
+        raise InputError(f"{path}: not a model of rearticulate, it has no format number")
+    if written > FORMAT:
+        raise InputError(f"{path}: format {written} is newer than this version reads ({FORMAT}); upgrade rearticulate")
+    return record, load_arrays(folder / "arrays.npz")
+
+
+@contextmanager
+def _damage(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except KeyError as error:
+        raise InputError(f"{folder}: a damaged result, {error.args[0]!r} is missing") from error
+    except (ValueError, TypeError, IndexError, AttributeError) as error:
+        raise InputError(f"{folder}: a damaged result ({one_line(error)})") from error
+
+
+def _model(record: dict[str, Any], arrays: dict[str, Any]) -> KinematicModel:
+    parts = record["parts"]
+    names = [part["name"] for part in parts]
+    if len(set(names)) < len(names):
+        raise ValueError("two parts have one name")
+    for j, part in enumerate(parts):
+        if (part["parent"] is None) != (j == 0) or part["parent"] not in [None, *names[:j]]:
+            raise ValueError(f"the parent of {part['name']!r} must be a part before it, none for the first")
+        if part["joint_type"] not in get_args(JointType):
+            raise ValueError(f"the joint type {part['joint_type']!r} of {part['name']!r} is not known")
+    points, labels = arrays["points"], arrays["labels"]
+    if points.shape != (len(labels), 3) or not np.isin(labels, np.arange(len(parts))).all():
+        raise ValueError("points and labels of arrays.npz do not fit the parts of model.json")
+    return KinematicModel(
+        canonical=int(record["canonical"]),
+        parent=np.array([-1 if part["parent"] is None else names.index(part["parent"]) for part in parts]),
+        joint_type=tuple(part["joint_type"] for part in parts),
+        axis=_numbers(parts, "axis", 3),
+        origin=_numbers(parts, "origin", 3),
+        limits=_numbers(parts, "limits", 2),
+        names=tuple(names),
+        points=points,
+        labels=labels,
+    )
+
+
+def _numbers(parts: list[dict[str, Any]], key: str, width: int) -> np.ndarray:
+    return np.array([[float(x) for x in part[key]] for part in parts]).reshape(len(parts), width)
+
+
+def _diagnostics(record: dict[str, Any]) -> JointDiagnostics:
+    values: dict[str, Any] = {**record, **{key: float(record[key]) for key in _NUMBERS}}
+    return JointDiagnostics(**values)
+
+
+def _split(flat: IntArray, offsets: IntArray) -> tuple[IntArray, ...]:
+    if offsets[0] != 0 or offsets[-1] != len(flat) or (np.diff(offsets) < 0).any():
+        raise ValueError("frame_offsets does not fit frame_labels")
+    return tuple(np.split(flat, offsets[1:-1]))
