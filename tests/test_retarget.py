@@ -23,7 +23,7 @@ seeds = st.integers(0, 10_000)
 def some_points(model, count, seed):
     """Rows of `count` canonical points of every part."""
     rng = np.random.default_rng(seed)
-    return np.concatenate([rng.choice(np.flatnonzero(model.labels == p), count) for p in range(model.n_parts)])
+    return np.concatenate([rng.choice(np.flatnonzero(model.labels == p), count, False) for p in range(model.n_parts)])
 
 
 def random_pose(model, seed, turn=0.5):
