@@ -222,3 +222,6 @@ def test_a_result_of_another_sequence_is_refused():
     halved = PointSequence.from_arrays([p[::2] for p in sequence.points])
     with pytest.raises(InputError, match="40 points"):
         evaluate(result, truth, halved)
+    few_labels = replace(truth, labels=tuple(part[:30] for part in truth.labels))
+    with pytest.raises(InputError, match="point number 39"):
+        evaluate(result, few_labels, sequence)

@@ -41,6 +41,12 @@ def _check(result: FitResult, truth: GroundTruth, sequence: PointSequence) -> No
             f"the sequence has {F} frames, the result {len(result.motion.q)} and the ground truth {len(truth.poses)}: "
             "all three must belong to the same sequence"
         )
+    for f, index in enumerate(sequence.index):
+        if len(index) and index.max() >= len(truth.labels[f]):
+            raise InputError(
+                f"{sequence.names[f]} has a point number {index.max()} but the ground truth labels only "
+                f"{len(truth.labels[f])} points: give the ground truth of this sequence"
+            )
     if len(result.model.points) != len(sequence.points[c]):
         raise InputError(
             f"the model has {len(result.model.points)} points and {sequence.names[c]}, its canonical frame, "

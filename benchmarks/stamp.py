@@ -1,0 +1,74 @@
+"""What a number depends on: code, configuration, seed, machine."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import subprocess
+from dataclasses import asdict
+from datetime import datetime, timezone
+from importlib.metadata import version
+from pathlib import Path
+
+from rearticulate.config import FitConfig
+
+ROOT = Path(__file__).resolve().parents[1]
+_CODE = ("config.py", "evaluate", "fit", "geometry", "io", "pipeline.py", "pose", "records.py", "synth")
+
+
+def config_hash() -> str:
+    return _digest(json.dumps(asdict(FitConfig()), sort_keys=True).encode())
+
+
+def code_hash() -> str:
+    """Of all source files that can change a result."""
+    source = ROOT / "src" / "rearticulate"
+    files = sorted(path for name in _CODE for path in (source / name, *(source / name).rglob("*.py")) if path.is_file())
+    return _digest(*(part for path in files for part in (str(path.relative_to(source)).encode(), path.read_bytes())))
+
+
+def _digest(*parts: bytes) -> str:
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part)
+    return digest.hexdigest()[:12]
+
+
+def stamp(seed: int, jobs: int) -> dict[str, str]:
+    """One line each, for the head of the results."""
+    return {
+        "date": datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC"),
+        "version": version("rearticulate"),
+        "commit": _commit(),
+        "code": code_hash(),
+        "configuration": config_hash(),
+        "seed": str(seed),
+        "jobs": str(jobs),
+        "machine": f"{_cpu()}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}",
+        "libraries": ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba")),
+    }
+
+
+def _commit() -> str:
+    """Short commit; says so when the sources differ from it."""
+    commit = _git("rev-parse", "--short", "HEAD")
+    return f"{commit} with changes" if _git("status", "--porcelain", "--", "src") else commit
+
+
+def _git(*arguments: str) -> str:
+    try:
+        done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+    return done.stdout.strip()
+
+
+def _cpu() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()

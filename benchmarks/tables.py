@@ -1,0 +1,144 @@
+"""Results as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from statistics import mean
+from typing import Any
+
+from cases import HOUSEHOLD, PAPER_TEST, PERTURBATIONS, ROBOTS, ROBUSTNESS
+
+Answer = dict[str, Any]  # see worker.run_case
+
+COLUMNS = {  # metric: head, decimals
+    "recon_cm": ("recon cm", 3),
+    "flow_epe_cm": ("flow EPE cm", 3),
+    "flow_acc_5mm": ("acc 5 mm", 3),
+    "flow_acc_10mm": ("acc 10 mm", 3),
+    "flow_acc_5cm": ("acc 5 cm", 3),
+    "flow_acc_10cm": ("acc 10 cm", 3),
+    "rand_index": ("Rand", 3),
+    "rand_index_multi_scan": ("Rand multi", 3),
+    "rand_index_per_scan": ("Rand per scan", 3),
+    "tree_edit_distance": ("tree edit", 2),
+    "reanimate_cm": ("reanimate cm", 2),
+    "joint_type_share": ("joint types", 2),
+    "joint_axis_median_deg": ("axis deg", 2),
+    "joint_position_median_percent": ("axis position %", 2),
+}
+NOT_FOR_ROBOTS = {"flow_acc_5cm", "flow_acc_10cm"}
+NOT_FOR_HOUSEHOLD = {"flow_acc_5mm", "flow_acc_10mm"}
+PUBLISHED = {  # the paper's mean over its own sequences of the 10 test robots
+    "recon_cm": 1.26,
+    "flow_epe_cm": 0.57,
+    "flow_acc_5mm": 0.59,
+    "rand_index": 0.86,
+    "tree_edit_distance": 2.9,
+    "reanimate_cm": 3.66,
+}
+
+
+def report(stamp: dict[str, str], answers: dict[str, Answer], missing: Iterable[str] = ()) -> str:
+    """The whole page. answers: by case name; missing: names of the cases that failed or have not been run."""
+    sections = [
+        "# Benchmark",
+        "\n".join(f"- {key}: {value}" for key, value in stamp.items()),
+        "Robots: 10 frames of 4096 points; household objects: 4 frames of 4096 points, the root moves. One default "
+        "configuration for all. Joint columns: share of the true joints found with the right type; median error of "
+        "the axes that the fit calls determined, position in percent of the object's diagonal.",
+        "## Robots",
+        robots(answers),
+        "## Household objects",
+        household(answers),
+        "## Robustness",
+        robustness(answers),
+        "## Seconds by stage",
+        seconds(answers),
+    ]
+    absent = ", ".join(missing)
+    if absent:
+        sections.insert(2, f"**Without a result:** {absent}.")
+    return "\n\n".join(sections) + "\n"
+
+
+def robots(answers: dict[str, Answer]) -> str:
+    keys = [key for key in COLUMNS if key not in NOT_FOR_ROBOTS]
+    rows = [_object_row(name, answers[name], keys) for name in ROBOTS if name in answers]
+    rows += _mean_row("mean of the paper's 10 test robots", PAPER_TEST, answers, keys)
+    rows.append(["published, the paper's sequences", *(_number(PUBLISHED.get(key), key) for key in keys), *4 * ["-"]])
+    rows += _mean_row("mean of all 16 robots", ROBOTS, answers, keys)
+    return table(["object", *(COLUMNS[key][0] for key in keys), "parts", "true", "s", "MB"], rows)
+
+
+def household(answers: dict[str, Answer]) -> str:
+    keys = [key for key in COLUMNS if key not in NOT_FOR_HOUSEHOLD]
+    rows = [_object_row(name, answers[name], keys) for name in HOUSEHOLD if name in answers]
+    rows += _mean_row("mean of all 8", HOUSEHOLD, answers, keys)
+    return table(["object", *(COLUMNS[key][0] for key in keys), "parts", "true", "s", "MB"], rows)
+
+
+def robustness(answers: dict[str, Answer]) -> str:
+    """Each perturbation beside the clean run of the same object."""
+    keys = ["recon_cm", "flow_epe_cm", "rand_index", "tree_edit_distance", "reanimate_cm", "joint_type_share"]
+    rows = []
+    for name in ROBUSTNESS:
+        clean = answers.get(name, {}).get("metrics", {}).get("recon_cm")
+        for change in ("", *PERTURBATIONS):
+            answer = answers.get(f"{name}/{change}" if change else name)
+            if answer:
+                ratio = answer["metrics"]["recon_cm"] / clean if clean else None
+                row = _object_row(change or "clean", answer, keys)
+                rows.append([name, *row[:2], "-" if ratio is None else f"{ratio:.2f}", *row[2:]])
+    heads = [COLUMNS[key][0] for key in keys]
+    return table(["object", "change", heads[0], "ratio to clean", *heads[1:], "parts", "true", "s", "MB"], rows)
+
+
+def seconds(answers: dict[str, Answer]) -> str:
+    """Seconds of each stage, objects as they are."""
+    plain = {name: answers[name] for name in (*ROBOTS, *HOUSEHOLD) if name in answers}
+    stages = list(dict.fromkeys(stage for answer in plain.values() for stage in answer["stages"]))
+    rows = [
+        [name, *(_seconds(answer["stages"].get(stage)) for stage in stages), _seconds(answer["seconds"])]
+        for name, answer in plain.items()
+    ]
+    return table(["object", *stages, "whole fit"], rows)
+
+
+def table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A Markdown table; the first column is text, the others are numbers."""
+    head = list(heads)
+    lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
+
+
+def means(names: Iterable[str], answers: dict[str, Answer], keys: Iterable[str]) -> dict[str, float]:
+    """Mean of every metric over the objects that have it."""
+    values = {key: [answers[n]["metrics"][key] for n in names if key in answers[n]["metrics"]] for key in keys}
+    return {key: mean(found) for key, found in values.items() if found}
+
+
+def _mean_row(label: str, names: tuple[str, ...], answers: dict[str, Answer], keys: list[str]) -> list[list[str]]:
+    """One row, or none where an object is missing."""
+    if not all(name in answers for name in names):
+        return []
+    found = means(names, answers, [*keys, "parts", "parts_true"])
+    cells = [_number(found.get(key), key) for key in keys]
+    ends = [f"{found['parts']:.1f}", f"{found['parts_true']:.1f}"]
+    time = _seconds(mean(answers[name]["seconds"] for name in names))
+    return [[f"**{label}**", *cells, *ends, time, "-"]]
+
+
+def _object_row(label: str, answer: Answer, keys: list[str]) -> list[str]:
+    metrics = answer["metrics"]
+    cells = [_number(metrics.get(key), key) for key in keys]
+    parts = [f"{metrics['parts']:.0f}", f"{metrics['parts_true']:.0f}"]
+    memory = "-" if answer["peak_mb"] is None else f"{answer['peak_mb']:.0f}"
+    return [label, *cells, *parts, _seconds(answer["seconds"]), memory]
+
+
+def _number(value: float | None, key: str) -> str:
+    return "-" if value is None else f"{value:.{COLUMNS[key][1]}f}"
+
+
+def _seconds(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"

@@ -1,0 +1,66 @@
+"""One case in a process of its own, so that its peak memory is its own: `python worker.py CASE SEED OUTPUT.json`."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from cases import Case, data_folder, find_case
+from rearticulate.evaluate.metrics import evaluate
+from rearticulate.records import FitResult
+
+Fit = Callable[..., FitResult]
+
+
+def run_case(case: Case, folder: Path, seed: int, fit: Fit) -> dict[str, Any]:
+    """Fit and score one case. Everything in the answer is plain JSON."""
+    sequence, truth = case.load(folder)
+    started = time.perf_counter()
+    result = fit(sequence, seed=seed)
+    seconds = time.perf_counter() - started
+    return {
+        "case": case.name,
+        "frames": len(sequence),
+        "points": max(len(p) for p in sequence.points),
+        "canonical": result.model.canonical,
+        "seconds": seconds,
+        "stages": _seconds_by_stage(result),
+        "peak_mb": peak_megabytes(),
+        "metrics": {m.key: float(m.value) for m in evaluate(result, truth, sequence)},
+    }
+
+
+def _seconds_by_stage(result: FitResult) -> dict[str, float]:
+    """Stages that ran several times (once a canonical frame, say) are added up."""
+    total: dict[str, float] = {}
+    for stage in result.stages:
+        total[stage.name] = total.get(stage.name, 0.0) + stage.seconds
+    return total
+
+
+def peak_megabytes() -> float | None:
+    """Largest resident memory of this process so far; None where the system does not tell."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1024**2 if sys.platform == "darwin" else 1024)
+
+
+def main(name: str, seed: str, output: str) -> None:
+    from rearticulate.pipeline import fit
+
+    answer = run_case(find_case(name), data_folder(), int(seed), fit)
+    partial = Path(f"{output}.part")
+    partial.write_text(json.dumps(answer))
+    os.replace(partial, output)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

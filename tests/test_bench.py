@@ -1,0 +1,79 @@
+"""The benchmark's own parts: cases, worker, tables, gate. The fits are perfect ones made from ground truth."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from oracle import perfect_fit
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+
+from cases import PERTURBATIONS, SETS, Case, find_case
+from gate import is_worse, regressions
+from tables import means, report, table
+from worker import run_case
+
+
+def perfect_answer(case, folder):
+    truth = case.load(folder)[1]
+    return run_case(case, folder, 0, lambda sequence, seed: perfect_fit(sequence, truth, 1))
+
+
+def test_the_cases_are_all_different_and_found_by_name():
+    names = [case.name for case in SETS["all"]]
+    assert len(names) == len(set(names)) == 16 + 8 + 4 * len(PERTURBATIONS)
+    assert find_case("nao/noise_1mm") == Case("nao", "noise_1mm")
+
+
+@pytest.mark.parametrize("change", ["", *PERTURBATIONS])
+def test_a_perfect_fit_is_perfect_in_every_case(data_folder, change):
+    answer = perfect_answer(Case("refrigerator", change), data_folder)
+    metrics = answer["metrics"]
+    assert metrics["recon_cm"] == pytest.approx(0, abs=1e-6)
+    assert metrics["rand_index_multi_scan"] == 1
+    assert metrics["joint_type_share"] == 1
+    assert metrics["joint_axis_median_deg"] == pytest.approx(0, abs=1e-4)
+    assert metrics["joint_position_median_percent"] == pytest.approx(0, abs=1e-4)
+    assert json.loads(json.dumps(answer)) == answer
+
+
+def some_answer(recon=0.1):
+    metrics = {"recon_cm": recon, "rand_index": 0.9, "tree_edit_distance": 1.0, "parts": 3.0, "parts_true": 3.0}
+    return {"case": "nao", "seconds": 2.0, "stages": {"track": 1.5}, "peak_mb": None, "metrics": metrics}
+
+
+def test_the_report_shows_what_there_is():
+    answers = {"nao": some_answer(0.1), "nao/noise_1mm": some_answer(0.25)}
+    text = report({"seed": "0"}, answers, missing=["solo"])
+    assert "**Without a result:** solo." in text
+    assert "| nao | noise_1mm | 0.250 | 2.50 |" in text
+    assert "| nao | 1.5 | 2.0 |" in text
+    assert "mean of all 16" not in text
+
+
+def test_means_are_over_the_objects_that_have_the_metric():
+    answers = {"a": {"metrics": {"x": 1.0, "y": 5.0}}, "b": {"metrics": {"x": 3.0}}}
+    assert means(["a", "b"], answers, ["x", "y", "z"]) == {"x": 2.0, "y": 5.0}
+
+
+def test_a_table_by_hand():
+    assert table(["a", "b"], [["1", "2"]]) == "| a | b |\n| --- | ---: |\n| 1 | 2 |"
+
+
+def test_the_gate_names_what_got_worse():
+    baseline = {"nao": some_answer(0.10), "solo": some_answer(0.10)}
+    now = {"nao": some_answer(0.20), "solo": some_answer(0.11), "a1": some_answer(9.0)}
+    assert regressions(baseline, now) == ["nao: recon_cm 0.1 -> 0.2"]
+    assert regressions(now, baseline) == []
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "sign", "worse"),
+    [(1.0, 1.2, 1, True), (1.0, 0.5, 1, False), (0.9, 0.7, -1, True), (0, 0, 1, False)],
+)
+def test_worse_by_sign_and_tolerance(before, now, sign, worse):
+    assert is_worse(before, now, sign, 0.1, 0.15) == worse
