@@ -62,14 +62,6 @@ class Starts:
     converged: BoolArray
     iterations: int = 0
 
-    @staticmethod
-    def join(many: list[Starts]) -> Starts:
-        """All of them as one batch."""
-        q, root, part, energy, converged = (
-            np.concatenate([getattr(s, name) for s in many]) for name in ("q", "root", "part", "energy", "converged")
-        )
-        return Starts(q, root, part, energy, converged, max(s.iterations for s in many))
-
     def best(self, count: int) -> Starts:
         """The `count` starts of least energy, best first."""
         rows = np.argsort(self.energy, kind="stable")[:count]

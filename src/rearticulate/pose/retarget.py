@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from rearticulate.errors import InputError
-from rearticulate.geometry.se3 import exp_se3, inverse, transform
-from rearticulate.pose.least_squares import PoseProblem, Starts, residuals, solve, start
+from rearticulate.geometry.se3 import exp_se3, hat, inverse, transform
+from rearticulate.pose.least_squares import BoolArray, PoseProblem, Starts, residuals, solve, start
 from rearticulate.records import Array, IntArray, KinematicModel
 
 SIGMAS = (np.inf, 0.03, 0.01)  # robust scales, coarse to fine, in sizes of the object (bounding box diagonal)
@@ -142,39 +142,43 @@ def _first_guesses(problem: PoseProblem, part: IntArray, rng: np.random.Generato
         own = part == 0
         known = own if own.sum() >= 3 else np.ones_like(own)  # the root's own points tell its pose, if there are enough
         root[1::2] = kabsch(problem.source[known], problem.target[known])
+    return _with_led(problem, q, root, np.tile(part, (len(q), 1)))
+
+
+def _with_led(problem: PoseProblem, q: Array, root: Array, part: IntArray) -> Starts:
+    """Every guess twice: as it is, and led along the chains."""
     led = follow_chains(problem, q, root, part)
-    return start(problem, np.concatenate([q, led]), np.concatenate([root, root]), np.tile(part, (2 * len(q), 1)))
+    return start(problem, np.concatenate([q, led]), np.tile(root, (2, 1, 1)), np.tile(part, (2, 1)))
 
 
 def follow_chains(problem: PoseProblem, q: Array, root: Array, part: IntArray) -> Array:
-    """From the root outwards, set every joint to the value that is best for its own part's points. (B, P) -> (B, P).
+    """From the root outwards, set every joint to the value that is best for its own part's points.
 
-    In closed form: a turn is a Procrustes problem in the plane across the axis, a slide a mean along it. Parts without
-    source points keep their value.
+    q (B, P), root (B, 4, 4), part (B, K). Returns (B, P); parts without source points keep their value.
     """
     q, T = q.copy(), np.tile(root[:, None], (1, len(problem.parent), 1, 1))
     for j in range(1, len(problem.parent)):
         T_parent, own = T[:, problem.parent[j]], part == j
         if own.any() and problem.path[j, j]:
-            q[:, j] = _best_value(problem.twists[j], problem.source[own], _seen_from(T_parent, problem.target[own]))
+            seen = transform(inverse(T_parent)[:, None], problem.target)
+            value = best_joint_value(problem.twists[j], problem.source, seen, own)
+            q[:, j] = np.where(own.any(axis=1), value, q[:, j])
         T[:, j] = T_parent @ exp_se3(q[:, j, None] * problem.twists[j])
     return q
 
 
-def _seen_from(T: Array, x: Array) -> Array:
-    """World points x (K, 3) in the coordinates of B frames T (B, 4, 4): (B, K, 3)."""
-    return transform(inverse(T)[:, None], x)
+def best_joint_value(twist: Array, source: Array, target: Array, own: BoolArray) -> Array:
+    """(B,) joint value that brings the points source (K, 3) where own (B, K) nearest to target (B, K, 3).
 
-
-def _best_value(twist: Array, source: Array, target: Array) -> Array:
-    """(B,) joint value that brings source (K, 3) nearest to target (B, K, 3)."""
+    In closed form: a turn is a Procrustes problem in the plane across the axis, a slide a mean along it.
+    """
     w, v = twist[:3], twist[3:]
     if not w.any():
-        return (target - source).mean(axis=1) @ v
+        return (((target - source) @ v) * own).sum(axis=1) / np.maximum(own.sum(axis=1), 1)
     origin = np.cross(w, v)
     a, b = source - origin, target - origin
-    sine = (np.cross(w, a) * b).sum(axis=(-2, -1))
-    return np.arctan2(sine, ((a - np.outer(a @ w, w)) * b).sum(axis=(-2, -1)))
+    sine, cosine = (b * (a @ hat(w).T)).sum(axis=-1), (b * (a - np.outer(a @ w, w))).sum(axis=-1)
+    return np.arctan2((sine * own).sum(axis=1), (cosine * own).sum(axis=1))
 
 
 def kabsch(source: Array, target: Array) -> Array:
@@ -219,20 +223,19 @@ def _relabel(problem: PoseProblem, best: Starts, alternatives: list[tuple[int, i
         pairs = [(k, p) for k, p in alternatives if best.part[0, k] != p]
         if not pairs or (residuals(problem, best) ** 2).sum(axis=-1).max() < sigma**2:
             break
-        trials = [_with_label(problem, best, k, p) for k, p in pairs]
-        trial = _finish(problem, solve(problem, Starts.join(trials), SIGMAS[-2], 10).best(SURVIVORS))
+        trial = _finish(problem, solve(problem, _relabelled(problem, best, pairs), SIGMAS[-2], 10).best(SURVIVORS))
         if trial.energy[0] > best.energy[0] - RELABEL_GAIN * sigma**2:
             break
         best = trial
     return best
 
 
-def _with_label(problem: PoseProblem, best: Starts, k: int, part: int) -> Starts:
-    """The present solution, as it is and led along the chains, with source point k on another part."""
-    labels = best.part[0].copy()
-    labels[k] = part
-    led = follow_chains(problem, best.q, best.root, labels)
-    return start(problem, np.concatenate([best.q, led]), np.tile(best.root, (2, 1, 1)), np.tile(labels, (2, 1)))
+def _relabelled(problem: PoseProblem, best: Starts, pairs: list[tuple[int, int]]) -> Starts:
+    """The present solution once a pair (source point, new part), as it is and led along the chains."""
+    part = np.tile(best.part, (len(pairs), 1))
+    for row, (k, p) in enumerate(pairs):
+        part[row, k] = p
+    return _with_led(problem, np.tile(best.q, (len(pairs), 1)), np.tile(best.root, (len(pairs), 1, 1)), part)
 
 
 def _result(model: KinematicModel, scale: _Scale, problem: PoseProblem, best: Starts) -> RetargetResult:
