@@ -30,7 +30,7 @@ def evaluate(result: FitResult, truth: GroundTruth, sequence: PointSequence) -> 
         *_reanimation_metrics(result, truth, labels, sequence.index[result.model.canonical]),
         Metric("parts", result.model.n_parts, "parts", "lower"),
         Metric("parts_true", len(truth.parent), "parts", "lower"),
-        *_joint_metrics(result, truth, labels),
+        *_joint_metrics(result, truth, true_labels),
     ]
 
 
@@ -121,11 +121,15 @@ def _reanimation_metrics(result: FitResult, truth: GroundTruth, labels: IntArray
     return [Metric("reanimate_cm", 100 * float(np.mean(errors)), "cm", "lower")]
 
 
-def _joint_metrics(result: FitResult, truth: GroundTruth, labels: IntArray) -> list[Metric]:
-    """Type of every true joint (missing ones count as wrong); axes of those whose type is right and that are sure."""
+def _joint_metrics(result: FitResult, truth: GroundTruth, true_labels: list[IntArray]) -> list[Metric]:
+    """Type of every true joint (missing ones count as wrong); axes of those whose type is right and that are sure.
+
+    Parts are matched by the points of all frames: a part may be out of sight in the canonical one.
+    """
     if truth.joint_type is None or truth.joint_axis is None or truth.joint_point is None or len(truth.parent) < 2:
         return []
-    errors = joint_errors(result, truth, match_parts(labels, result.model.labels, len(truth.parent)))
+    match = match_parts(np.concatenate(true_labels), np.concatenate(result.labels), len(truth.parent))
+    errors = joint_errors(result, truth, match)
     right = [e for e in errors if e.type_right]
     sure = [e for e in right if result.joints[e.predicted].determined]
     metrics = [Metric("joint_type_share", len(right) / (len(truth.parent) - 1), "share", "higher")]
