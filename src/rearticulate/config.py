@@ -5,7 +5,12 @@ One default for every object. An unknown key is an error.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import json
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+from rearticulate.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,21 @@ class RepairConfig:
     pivot_radius_deg: float = 50.0  # turns about a joint are searched this far
     pivot_step_deg: float = 12.5
     pivot_keep: int = 3
+    branch_points: int = 400  # points of a branch of the tree in a joint-space restart
+    joint_margin: float = 0.015
+    swing_deg: float = 60.0  # a joint is searched this far either way
+    swing_step_deg: float = 6.0
+
+
+@dataclass(frozen=True)
+class RestConfig:
+    """The part at rest (`fit.relax.part_at_rest`)."""
+
+    motion: float = 1.0  # only when every part moves more than this
+    minimum_part: int = 40
+    excess: float = 0.05  # standing still may cost a point this much more
+    minimum_points: int = 60
+    carried: float = 3.0  # the points must have been carried farther than this
 
 
 @dataclass(frozen=True)
@@ -75,6 +95,7 @@ class LabelConfig:
     nearest_weight: float = 5.0
     candidate_radius: float = 3.7
     minimum_points: float = 20.0  # a part with fewer points a frame is dissolved by the coarse labels
+    minimum_support: float = 12.0  # ... and below this when the structure is looked at again
     sheet_candidates: float = 5.6
     sheet_radius: float = 2.6
     sheet_neighbours: int = 64
@@ -109,9 +130,50 @@ class ProjectConfig:
 class FitConfig:
     """Everything a fit depends on besides the sequence and the seed."""
 
+    working_points: int = 5000  # points a frame that take part in the fit; all are labelled
     track: TrackConfig = field(default_factory=TrackConfig)
     cluster: ClusterConfig = field(default_factory=ClusterConfig)
     trial: TrialConfig = field(default_factory=TrialConfig)
     repair: RepairConfig = field(default_factory=RepairConfig)
+    rest: RestConfig = field(default_factory=RestConfig)
     label: LabelConfig = field(default_factory=LabelConfig)
     project: ProjectConfig = field(default_factory=ProjectConfig)
+
+
+PRESETS = {"direct": FitConfig()}
+
+
+def preset(name: str) -> FitConfig:
+    """The configuration of a named preset. Raises InputError with the names that exist."""
+    if name not in PRESETS:
+        raise InputError(f"there is no preset {name!r}; presets: {', '.join(PRESETS)}")
+    return PRESETS[name]
+
+
+def load_config(path: str | Path, base: FitConfig | None = None) -> FitConfig:
+    """`base` with the values of a JSON file (nested as the dataclasses are). Unknown keys raise InputError."""
+    path = Path(path)
+    try:
+        values = json.loads(path.read_text())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except ValueError as error:
+        raise InputError(f"{path}: is not JSON ({error})") from None
+    return _override(base or FitConfig(), values, str(path))
+
+
+def _override(config: Any, values: Any, where: str) -> Any:
+    if not isinstance(values, dict):
+        raise InputError(f"{where}: an object of settings is needed, this is {type(values).__name__}")
+    known = {f.name: getattr(config, f.name) for f in fields(config)}
+    changed = dict(known)
+    for key, value in values.items():
+        if key not in known:
+            raise InputError(f"{where}: unknown setting {key!r}; there are {', '.join(known)}")
+        if is_dataclass(known[key]):
+            changed[key] = _override(known[key], value, f"{where}: {key}")
+        elif isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise InputError(f"{where}: {key} must be a number, this is {value!r}")
+        else:
+            changed[key] = type(known[key])(value)
+    return type(config)(**changed)

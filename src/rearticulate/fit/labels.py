@@ -229,7 +229,7 @@ class Labeller:
                 return model
             model = drop_small(self.frames, model, np.nextafter(counts.min(), np.inf))
 
-    def fine(self, model: Relaxed, belief: Array | None, noise: float) -> tuple[Relaxed, Array]:
+    def fine(self, model: Relaxed, belief: Array | None, noise: float = 0.0) -> tuple[Relaxed, Array]:
         """Labels by sheet evidence, and the belief (M, P) for the next call. noise: plane noise of the data."""
         config = self.config
         thickness = max(config.sheet_thickness, config.sheet_thickness_noise * noise)

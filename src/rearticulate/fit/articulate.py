@@ -1,0 +1,83 @@
+"""Second half of the solver: from freely moving parts to a kinematic tree, adjusted to all points at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rearticulate.config import FitConfig
+from rearticulate.fit.articulated import Articulated
+from rearticulate.fit.bundle import bundle_adjust
+from rearticulate.fit.frames import Frames
+from rearticulate.fit.joint_repair import repair_joints
+from rearticulate.fit.labels import Labeller
+from rearticulate.fit.project import merge_resting, project
+from rearticulate.fit.relaxed import Relaxed, drop_small, register_to_fused
+from rearticulate.fit.repair import repair_poses
+from rearticulate.fit.trial import trial_merge
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+ROUNDS, RESTRUCTURE = 6, (2, 4)
+SIGMA_WIDE, SIGMA = 1.5, 0.56
+
+
+def articulate(
+    frames: Frames,
+    canonical: int,
+    relaxed: Relaxed,
+    labeller: Labeller,
+    config: FitConfig,
+    rng: np.random.Generator,
+    progress: Callable[[str, float], None],
+) -> tuple[Articulated, IntArray]:
+    """Tree, bundle adjustment and labels in turn, with a second look at the structure; then repairs in joint space.
+
+    Returns the model and the labels (M,) of all points.
+    """
+    model = merge_resting(frames, canonical, relaxed, config.project)
+    tree, labels, failing = project(frames, canonical, model, config.project, rng)
+    belief: Array | None = None
+    for i in range(ROUNDS):
+        progress("articulate", i / (ROUNDS + 2))
+        if i == RESTRUCTURE[-1] and failing == 0:
+            break
+        if i in RESTRUCTURE:
+            tree, labels, failing = restructure(frames, canonical, tree, labels, relaxed, config, rng)
+            belief = None
+        tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA_WIDE, SIGMA) if i == 0 else (SIGMA,))
+        tree_parts, belief = labeller.fine(Relaxed(tree.forward(), labels), belief)
+        labels = tree_parts.labels
+    for i in range(2):
+        progress("articulate", (ROUNDS + i) / (ROUNDS + 2))
+        tree, _ = repair_joints(frames, canonical, tree, labels, config.repair, rng)
+        tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,))
+        if i == 0:
+            labels = labeller.fine(Relaxed(tree.forward(), labels), belief)[0].labels
+    progress("articulate", 1.0)
+    return tree, labels
+
+
+def restructure(
+    frames: Frames,
+    canonical: int,
+    tree: Articulated,
+    labels: IntArray,
+    relaxed: Relaxed,
+    config: FitConfig,
+    rng: np.random.Generator,
+) -> tuple[Articulated, IntArray, int]:
+    """A second look with accurate motions: links without points go, parts move freely again, the tree is built anew."""
+    model = drop_small(frames, Relaxed(tree.forward(), labels), config.label.minimum_support)
+    rows = frames.rows(canonical)
+    shared = np.zeros((model.n_parts, relaxed.n_parts))
+    np.add.at(shared, (model.labels[rows], relaxed.labels[rows]), 1)
+    earlier = {p: [relaxed.T[:, int(shared[p].argmax())]] for p in range(model.n_parts) if shared[p].any()}
+    model = repair_poses(frames, canonical, model, config.repair, rng, earlier, turn=False)
+    model = register_to_fused(frames, canonical, model, 0.37)
+    model = trial_merge(frames, canonical, model, config.trial, config.trial.threshold, rng)
+    model = merge_resting(frames, canonical, model, config.project)
+    return project(frames, canonical, model, config.project, rng)

@@ -1,0 +1,43 @@
+"""The label-free energy of a fit: how badly each frame's points, carried by their own part, land on the other frames."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rearticulate.fit.frames import Frames
+from rearticulate.fit.labels import evidence_frames
+from rearticulate.geometry.se3 import inverse, transform
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+PER_JOINT = 0.002  # what a joint must earn: an empty joint must not win by chance
+
+
+def point_misfit(frames: Frames, T: Array, labels: IntArray, limit: int = 12) -> Array:
+    """(M,) mean over the target frames of a point's capped distance and plane distance, in spacings."""
+    z = transform(inverse(T)[frames.frame, labels], frames.points)
+    total, count = np.zeros(len(z)), np.zeros(len(z))
+    for f in evidence_frames(frames.n_frames, limit):
+        rows = np.flatnonzero(frames.frame != f)
+        y = transform(T[f, labels[rows]], z[rows])
+        d, j = frames.trees[f].query(y, workers=-1)
+        r = np.abs(np.einsum("ij,ij->i", y - frames.trees[f].data[j], frames.normals[frames.rows(f)][j]))
+        total[rows] += np.minimum(d, 1.6) + 0.25 * np.minimum(r / 0.28, 3.0)
+        count[rows] += 1
+    return total / np.maximum(count, 1)
+
+
+def energy(frames: Frames, T: Array, labels: IntArray) -> float:
+    """Mean misfit over all points of all frames, plus a small price a joint."""
+    return float(point_misfit(frames, T, labels).mean()) + PER_JOINT * (T.shape[1] - 1)
+
+
+def frame_residual(frames: Frames, canonical: int, T: Array, labels: IntArray) -> Array:
+    """(F,) mean distance of the moved canonical points to each frame, in spacings."""
+    rows = frames.rows(canonical)
+    out = np.zeros(frames.n_frames)
+    for f in range(frames.n_frames):
+        out[f] = frames.trees[f].query(transform(T[f, labels[rows]], frames.points[rows]), workers=-1)[0].mean()
+    return out

@@ -1,0 +1,204 @@
+"""The whole fit, one line a stage."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from rearticulate.config import FitConfig
+from rearticulate.errors import InputError
+from rearticulate.fit.articulate import articulate
+from rearticulate.fit.articulated import Articulated
+from rearticulate.fit.diagnose import diagnose
+from rearticulate.fit.energy import energy, frame_residual
+from rearticulate.fit.frames import Frames, make_frames
+from rearticulate.fit.labels import Labeller
+from rearticulate.fit.relax import relax
+from rearticulate.fit.relaxed import Relaxed
+from rearticulate.io.check import check_sequence
+from rearticulate.io.stages import StageStore
+from rearticulate.records import FitResult, KinematicModel, Motion, PointSequence, StageTime
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Progress = Callable[[str, float], None]
+
+
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """One complete fit from one canonical frame, in the fitter's units."""
+
+    canonical: int
+    tree: Articulated
+    labels: IntArray
+    energy: float
+
+
+class Clock:
+    """Seconds by stage; forwards the progress."""
+
+    def __init__(self, progress: Progress | None):
+        self.seconds: dict[str, float] = {}
+        self._progress, self._last = progress, time.perf_counter()
+        self._stage: str | None = None
+
+    def __call__(self, stage: str, fraction: float) -> None:
+        now = time.perf_counter()
+        if self._stage is not None:
+            self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._last
+        self._stage, self._last = stage, now
+        if self._progress is not None:
+            self._progress(stage, fraction)
+
+
+def fit(
+    sequence: PointSequence,
+    config: FitConfig | None = None,
+    *,
+    seed: int = 0,
+    canonical: int | None = None,
+    progress: Progress | None = None,
+    store: StageStore | None = None,
+) -> FitResult:
+    """Fit a rearticulable model to a sequence.
+
+    canonical: the rest frame; None tries a few and keeps the lowest energy. progress(stage, fraction done of it).
+    store: where stage records are kept so that a stopped fit can go on. Raises InputError on a sequence that cannot
+    be fitted. The same seed gives the same bits on a CPU.
+    """
+    config = config or FitConfig()
+    check_sequence(sequence)
+    F = len(sequence)
+    if canonical is not None and not 0 <= canonical < F:
+        raise InputError(f"canonical frame {canonical} does not exist: the sequence has frames 0 to {F - 1}")
+    clock, store = Clock(progress), store or StageStore(None)
+    clock("prepare", 0.0)
+    rng = np.random.default_rng(seed)
+    chosen = [working_rows(len(p), config.working_points, rng) for p in sequence.points]
+    frames = make_frames([p[rows] for p, rows in zip(sequence.points, chosen, strict=True)])
+    labeller = Labeller(frames, config.label)
+    mark = fingerprint(sequence, config, seed)
+    clock("prepare", 1.0)
+    tries = [fit_from(frames, c, labeller, config, seed, clock, store, mark) for c in canonical_frames(F, canonical)]
+    best = min(tries, key=lambda t: t.energy)
+    clock("finish", 0.0)
+    result = to_result(sequence, chosen, frames, best, config, seed, {t.canonical: t.energy for t in tries})
+    clock("finish", 1.0)
+    stages = tuple(StageTime(name, seconds) for name, seconds in clock.seconds.items())
+    return dataclasses.replace(result, stages=stages)
+
+
+def canonical_frames(F: int, canonical: int | None) -> list[int]:
+    """The frames to fit from: the middle one has the shortest ways to both ends."""
+    return [F // 2 if canonical is None else canonical]
+
+
+def working_rows(n: int, limit: int, rng: np.random.Generator) -> IntArray:
+    """The points of a frame that take part in the fit; the others get their labels at the end."""
+    return np.arange(n) if n <= limit else np.sort(rng.choice(n, limit, replace=False))
+
+
+def fingerprint(sequence: PointSequence, config: FitConfig, seed: int) -> str:
+    """Names everything a stage record depends on."""
+    digest = hashlib.sha256(json.dumps([dataclasses.asdict(config), seed], sort_keys=True).encode())
+    for points in sequence.points:
+        digest.update(np.ascontiguousarray(points).tobytes())
+    return digest.hexdigest()
+
+
+def fit_from(
+    frames: Frames,
+    canonical: int,
+    labeller: Labeller,
+    config: FitConfig,
+    seed: int,
+    clock: Clock,
+    store: StageStore,
+    mark: str,
+) -> Candidate:
+    """Relax, articulate and weigh one canonical frame; finished stages are taken from the store."""
+    saved = store.load(f"relaxed-{canonical}", mark)
+    if saved is None:
+        rng = np.random.default_rng([seed, canonical, 0])
+        relaxed = relax(frames, canonical, labeller, config, rng, clock)
+        store.save(f"relaxed-{canonical}", mark, {"T": relaxed.T, "labels": relaxed.labels})
+    else:
+        relaxed = Relaxed(saved["T"], saved["labels"])
+    saved = store.load(f"articulated-{canonical}", mark)
+    if saved is None:
+        rng = np.random.default_rng([seed, canonical, 1])
+        tree, labels = articulate(frames, canonical, relaxed, labeller, config, rng, clock)
+        store.save(f"articulated-{canonical}", mark, {**vars(tree), "labels": labels})
+    else:
+        labels = saved.pop("labels")
+        tree = Articulated(**saved)
+    return Candidate(canonical, tree, labels, energy(frames, tree.forward(), labels))
+
+
+def to_result(
+    sequence: PointSequence,
+    chosen: list[IntArray],
+    frames: Frames,
+    best: Candidate,
+    config: FitConfig,
+    seed: int,
+    energies: dict[int, float],
+) -> FitResult:
+    """Back to metres and to the input's points."""
+    tree, c, unit, centre = best.tree, best.canonical, frames.unit, frames.centre
+    T = tree.forward()
+    joints, origins = diagnose(frames, c, tree, best.labels, config.project)
+    q = np.where(tree.revolute, tree.q, tree.q * unit)
+    q[:, 0] = 0.0
+    T_root = tree.T_root.copy()
+    T_root[:, :3, 3] = unit * T_root[:, :3, 3] + centre - T_root[:, :3, :3] @ centre
+    labels = all_labels(sequence, chosen, frames, T, best.labels, c)
+    kinds = tuple("floating" if j == 0 else "revolute" if r else "prismatic" for j, r in enumerate(tree.revolute))
+    axis = np.where(tree.revolute[:, None], tree.twist[:, :3], tree.twist[:, 3:])
+    model = KinematicModel(
+        canonical=c,
+        parent=tree.parent,
+        joint_type=kinds,
+        axis=axis,
+        origin=np.where(np.arange(tree.n_parts)[:, None] == 0, 0.0, origins * unit + centre),
+        limits=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
+        names=tuple(f"part_{j}" for j in range(tree.n_parts)),
+        points=sequence.points[c],
+        labels=labels[c],
+    )
+    return FitResult(
+        model=model,
+        motion=Motion(q, T_root),
+        labels=labels,
+        joints=tuple(joints),
+        energy=best.energy,
+        energies=energies,
+        residual=frame_residual(frames, c, T, best.labels) * unit,
+        config=dataclasses.asdict(config),
+        seed=seed,
+    )
+
+
+def all_labels(
+    sequence: PointSequence, chosen: list[IntArray], frames: Frames, T: Array, labels: IntArray, canonical: int
+) -> tuple[IntArray, ...]:
+    """Labels of every input point; a point that took no part in the fit asks its nearest neighbours of its frame."""
+    flat = np.empty_like(labels)
+    flat[frames.order] = labels
+    out = []
+    for f, points in enumerate(sequence.points):
+        fitted = flat[frames.start[f] : frames.start[f + 1]]
+        label = np.empty(len(points), dtype=np.int64)
+        label[chosen[f]] = fitted
+        rest = np.setdiff1d(np.arange(len(points)), chosen[f])
+        if len(rest):
+            label[rest] = fitted[cKDTree(points[chosen[f]]).query(points[rest], workers=-1)[1]]
+        out.append(label)
+    return tuple(out)
