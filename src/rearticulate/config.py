@@ -122,8 +122,22 @@ class ProjectConfig:
     gap_weight: float = 0.35
     series_cost: float = 2.0  # what a second joint costs in the spanning tree
     small_part: float = 0.04  # share of the points below which a part may become a link of a chain
+    off_root: float = 0.7  # what a joint between two moving parts costs more: it must explain more than one on the root
     prismatic_margin: float = 6.0  # extra chi-square at which a slide is still preferred to a turn
     root_motion: float = 1.5  # the root is the largest part among those that move at most this times the least
+
+
+@dataclass(frozen=True)
+class SeamConfig:
+    """Plane seams across joint axes (`fit.seams`)."""
+
+    zone: float = 5.6  # points this near to both parts may change sides
+    minimum_points: int = 30
+    neighbours: int = 32  # the evidence is averaged over this many points first
+    slack: float = 2.0  # cuts this close to the best (times the root of the number of points) count as equal
+    sacrifice: float = 2.0  # evidence a changed point may give up on average
+    minimum_support: float = 5.0  # a link with fewer points a frame may claim points near the gap it bridges
+    link_reach: float = 12.0
 
 
 @dataclass(frozen=True)
@@ -137,6 +151,7 @@ class FitConfig:
     repair: RepairConfig = field(default_factory=RepairConfig)
     rest: RestConfig = field(default_factory=RestConfig)
     label: LabelConfig = field(default_factory=LabelConfig)
+    seam: SeamConfig = field(default_factory=SeamConfig)
     project: ProjectConfig = field(default_factory=ProjectConfig)
 
 

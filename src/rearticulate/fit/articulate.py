@@ -16,12 +16,13 @@ from rearticulate.fit.labels import Labeller
 from rearticulate.fit.project import merge_resting, project
 from rearticulate.fit.relaxed import Relaxed, drop_small, register_to_fused
 from rearticulate.fit.repair import repair_poses
+from rearticulate.fit.seams import cut_seams
 from rearticulate.fit.trial import trial_merge
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-ROUNDS, RESTRUCTURE = 6, (2, 4)
+LOOKS = 3
 SIGMA_WIDE, SIGMA = 1.5, 0.56
 
 
@@ -40,23 +41,22 @@ def articulate(
     """
     model = merge_resting(frames, canonical, relaxed, config.project)
     tree, labels, failing = project(frames, canonical, model, config.project, rng)
-    belief: Array | None = None
-    for i in range(ROUNDS):
-        progress("articulate", i / (ROUNDS + 2))
-        if i == RESTRUCTURE[-1] and failing == 0:
-            break
-        if i in RESTRUCTURE:
+    for look in range(LOOKS):
+        progress("articulate", look / LOOKS)
+        if look > 0:
             tree, labels, failing = restructure(frames, canonical, tree, labels, relaxed, config, rng)
-            belief = None
-        tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA_WIDE, SIGMA) if i == 0 else (SIGMA,))
-        tree_parts, belief = labeller.fine(Relaxed(tree.forward(), labels), belief)
-        labels = tree_parts.labels
-    for i in range(2):
-        progress("articulate", (ROUNDS + i) / (ROUNDS + 2))
-        tree, _ = repair_joints(frames, canonical, tree, labels, config.repair, rng)
+        belief: Array | None = None
+        for i in range(2):
+            tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA_WIDE, SIGMA) if look == i == 0 else (SIGMA,))
+            parts, belief = labeller.fine(Relaxed(tree.forward(), labels), belief)
+            labels = cut_seams(frames, tree, parts.labels, config.label, config.seam)
+        tree, changed = repair_joints(frames, canonical, tree, labels, config.repair, rng)
         tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,))
-        if i == 0:
-            labels = labeller.fine(Relaxed(tree.forward(), labels), belief)[0].labels
+        if look > 0 and failing == 0:
+            break
+    parts, _ = labeller.fine(Relaxed(tree.forward(), labels), belief)
+    labels = cut_seams(frames, tree, parts.labels, config.label, config.seam)
+    tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,))
     progress("articulate", 1.0)
     return tree, labels
 

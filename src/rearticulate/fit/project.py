@@ -158,8 +158,12 @@ def fit_joints(evidence: Evidence, a: IntArray, b: IntArray, config: ProjectConf
     )
 
 
-def tree_costs(evidence: Evidence, P: int, config: ProjectConfig, rng: np.random.Generator) -> Array:
-    """(P, P) cost of joining two parts: log(1 + X_1), or with a hidden link series_cost + log(1 + X_2); plus the gap."""
+def tree_costs(evidence: Evidence, P: int, root: int, config: ProjectConfig, rng: np.random.Generator) -> Array:
+    """(P, P) cost of joining two parts: log(1 + X_1), or with a hidden link series_cost + log(1 + X_2); plus the gap.
+
+    Two drawers, or two doors on one hinge line, move against each other by one joint as well: a pair without the root
+    costs a little more.
+    """
     gap = part_gaps(evidence, P, rng)
     cost = 20 + gap
     a, b = np.nonzero(np.tril(gap < config.gap, -1))
@@ -173,7 +177,8 @@ def tree_costs(evidence: Evidence, P: int, config: ProjectConfig, rng: np.random
         contact = np.stack([contact_point(evidence, int(p), int(q)) for p, q in zip(a[series], b[series], strict=True)])
         two = evidence.reduced(fit_series(A, W, contact, 2, evidence.canonical, starts=3).cost)
         best[series] = np.minimum(best[series], config.series_cost + np.log1p(two))
-    cost[a, b] = cost[b, a] = best + config.gap_weight * gap[a, b]
+    off_root = np.where((a == root) | (b == root), 0.0, config.off_root)
+    cost[a, b] = cost[b, a] = best + config.gap_weight * gap[a, b] + off_root
     return cost
 
 
@@ -233,7 +238,7 @@ def project(
     root = choose_root(frames, canonical, model, config)
     if P == 1:
         return _assemble([], model.T[:, root], root, 1, model.labels)[0], np.zeros_like(model.labels), 0
-    parent, order = spanning_tree(tree_costs(evidence, P, config, rng), root)
+    parent, order = spanning_tree(tree_costs(evidence, P, root, config, rng), root)
     child = order[1:]
     joints = fit_joints(evidence, child, parent[child], config)
     x1, rms = evidence.reduced(joints.cost), evidence.rms(joints.cost, joints.W)

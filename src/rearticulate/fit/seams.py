@@ -1,0 +1,82 @@
+"""Seams: the border between two parts that turn against each other is a plane across their joint axis, if the data agree.
+
+On a surface of revolution about the axis both parts explain a point equally well, and the evidence of single points is
+noise. One number a joint, the place of the cut, is found from all of them together. A link that was inferred without
+points of its own gets them here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from rearticulate.config import LabelConfig, SeamConfig
+from rearticulate.fit.articulated import Articulated
+from rearticulate.fit.frames import Frames
+from rearticulate.fit.labels import candidate_parts, sheet_evidence
+from rearticulate.fit.relaxed import to_canonical
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def best_cut(along: Array, favour: Array, slack: float) -> tuple[float, float]:
+    """Place and side (+1: the child is above) of the cut of points at `along` (n,) that agrees best with `favour` (n,),
+    the evidence for the child over the parent. Among cuts within the slack of the best, the middle of their range."""
+    order = np.argsort(along, kind="stable")
+    s, gain = along[order], favour[order]
+    above = gain.sum() - np.concatenate([[0.0], np.cumsum(gain)])  # the child has the points from the k-th on
+    below = gain.sum() - above
+    side = 1.0 if above.max() >= below.max() else -1.0
+    score = above if side > 0 else below
+    good = np.flatnonzero(score >= score.max() - slack)
+    edges = np.concatenate([[s[0] - 1.0], (s[1:] + s[:-1]) / 2, [s[-1] + 1.0]])
+    return float((edges[good[0]] + edges[good[-1]]) / 2), side
+
+
+def link_candidates(tree: Articulated, labels: IntArray, z: Array, candidates: NDArray, config: SeamConfig, F: int) -> NDArray:
+    """Candidates (M, P) where a link with (almost) no points may also claim what lies near the gap it bridges."""
+    out = candidates.copy()
+    counts = np.bincount(labels, minlength=tree.n_parts) / F
+    for v in np.flatnonzero(counts < config.minimum_support):
+        above = int(tree.parent[v])
+        for below in np.flatnonzero(tree.parent == v):
+            za, zb = z[labels == above], z[labels == below]
+            if v == 0 or len(za) == 0 or len(zb) == 0:
+                continue
+            d, j = cKDTree(za).query(zb, workers=-1)
+            near = np.argsort(d, kind="stable")[:40]
+            contact = (zb[near] + za[j[near]]).mean(axis=0) / 2
+            out[:, v] |= (np.linalg.norm(z - contact, axis=1) < config.link_reach) & np.isin(labels, [above, below])
+    return out
+
+
+def cut_seams(
+    frames: Frames, tree: Articulated, labels: IntArray, label_config: LabelConfig, config: SeamConfig
+) -> IntArray:
+    """Labels (M,) with the border of every turning joint made a plane where the evidence allows it."""
+    T = tree.forward()
+    z = to_canonical(frames, T, labels)
+    candidates = candidate_parts(frames, labels, tree.n_parts, config.zone)
+    candidates = link_candidates(tree, labels, z, candidates, config, frames.n_frames)
+    U = sheet_evidence(frames, T, candidates, None, label_config, label_config.sheet_thickness)
+    labels = labels.copy()
+    for j in np.flatnonzero(tree.revolute & (tree.parent >= 0)):
+        p = int(tree.parent[j])
+        zone = np.flatnonzero(((labels == j) | (labels == p)) & candidates[:, j] & candidates[:, p])
+        if len(zone) >= config.minimum_points:
+            labels[zone] = _cut(z[zone], labels[zone], U[zone, p] - U[zone, j], int(j), p, tree.twist[j, :3], config)
+    return labels
+
+
+def _cut(z: Array, labels: IntArray, favour: Array, j: int, p: int, axis: Array, config: SeamConfig) -> IntArray:
+    """Labels of one border zone, cut if that gives up little evidence. favour: evidence for j over p."""
+    near = cKDTree(z).query(z, k=min(config.neighbours, len(z)), workers=-1)[1]
+    favour = favour[near].mean(axis=1)
+    along = z @ axis
+    place, side = best_cut(along, favour, config.slack * np.sqrt(len(z)))
+    new = np.where(side * (along - place) > 0, j, p)
+    changed = new != labels
+    lost = (favour * np.where(new == j, -1, 1))[changed].sum()
+    return new if lost < config.sacrifice * changed.sum() else labels
