@@ -88,7 +88,8 @@ class RestConfig:
 class LabelConfig:
     """Labels of all frames' points (`fit.labels`)."""
 
-    neighbours: int = 6  # spatial neighbours of a point
+    neighbours: int = 12  # spatial neighbours of a point
+    offset_scale: float = 0.4  # Gaussian weight of the offset between the tangent planes of two neighbours
     space_scale: float = 1.87  # Gaussian weight of a spatial neighbour
     time_scale: float = 1.12  # Gaussian weight of a neighbour in another frame
     evidence_frames: int = 12  # every point is tested against at most this many frames
@@ -96,7 +97,7 @@ class LabelConfig:
     candidate_radius: float = 3.7
     minimum_points: float = 20.0  # a part with fewer points a frame is dissolved by the coarse labels
     minimum_support: float = 12.0  # ... and below this when the structure is looked at again
-    sheet_candidates: float = 5.6
+    sheet_candidates: float = 4.5
     sheet_radius: float = 2.6
     sheet_neighbours: int = 64
     sheet_tries: int = 40
@@ -135,7 +136,7 @@ class SeamConfig:
     minimum_points: int = 30
     neighbours: int = 32  # the evidence is averaged over this many points first
     slack: float = 2.0  # cuts this close to the best (times the root of the number of points) count as equal
-    sacrifice: float = 2.0  # evidence a changed point may give up on average
+    sacrifice: float = 1.7  # evidence a changed point may give up on average, for ten frames
     minimum_support: float = 5.0  # a link with fewer points a frame may claim points near the gap it bridges
     link_reach: float = 12.0
 
@@ -145,6 +146,8 @@ class FitConfig:
     """Everything a fit depends on besides the sequence and the seed."""
 
     working_points: int = 5000  # points a frame that take part in the fit; all are labelled
+    canonical_tries: int = 3  # frames from which the relaxed model is fitted
+    canonical_fits: int = 2  # of these, the ones with the lowest energy get a tree; the lowest energy wins
     track: TrackConfig = field(default_factory=TrackConfig)
     cluster: ClusterConfig = field(default_factory=ClusterConfig)
     trial: TrialConfig = field(default_factory=TrialConfig)

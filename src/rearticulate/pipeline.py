@@ -84,20 +84,25 @@ def fit(
     chosen = [working_rows(len(p), config.working_points, rng) for p in sequence.points]
     frames = make_frames([p[rows] for p, rows in zip(sequence.points, chosen, strict=True)])
     labeller = Labeller(frames, config.label)
-    mark = fingerprint(sequence, config, seed)
     clock("prepare", 1.0)
-    tries = [fit_from(frames, c, labeller, config, seed, clock, store, mark) for c in canonical_frames(F, canonical)]
-    best = min(tries, key=lambda t: t.energy)
+    solver = Solver(frames, labeller, config, seed, clock, store, fingerprint(sequence, config, seed))
+    starts = {c: solver.relaxed(c) for c in canonical_frames(F, canonical, config.canonical_tries)}
+    energies = {c: energy(frames, m.T, m.labels) for c, m in starts.items()}
+    promising = sorted(starts, key=lambda c: energies[c])[: config.canonical_fits]
+    fits = [solver.articulated(c, starts[c]) for c in promising]
+    best = min(fits, key=lambda t: t.energy)
     clock("finish", 0.0)
-    result = to_result(sequence, chosen, frames, best, config, seed, {t.canonical: t.energy for t in tries})
+    result = to_result(sequence, chosen, frames, best, config, seed, energies)
     clock("finish", 1.0)
     stages = tuple(StageTime(name, seconds) for name, seconds in clock.seconds.items())
     return dataclasses.replace(result, stages=stages)
 
 
-def canonical_frames(F: int, canonical: int | None) -> list[int]:
-    """The frames to fit from: the middle one has the shortest ways to both ends."""
-    return [F // 2 if canonical is None else canonical]
+def canonical_frames(F: int, canonical: int | None, tries: int) -> list[int]:
+    """The frames to fit from: the middle one, with the shortest ways to both ends, and its neighbours."""
+    if canonical is not None:
+        return [canonical]
+    return sorted(range(F), key=lambda c: (abs(c - F // 2), c))[:tries]
 
 
 def working_rows(n: int, limit: int, rng: np.random.Generator) -> IntArray:
@@ -113,33 +118,37 @@ def fingerprint(sequence: PointSequence, config: FitConfig, seed: int) -> str:
     return digest.hexdigest()
 
 
-def fit_from(
-    frames: Frames,
-    canonical: int,
-    labeller: Labeller,
-    config: FitConfig,
-    seed: int,
-    clock: Clock,
-    store: StageStore,
-    mark: str,
-) -> Candidate:
-    """Relax, articulate and weigh one canonical frame; finished stages are taken from the store."""
-    saved = store.load(f"relaxed-{canonical}", mark)
-    if saved is None:
-        rng = np.random.default_rng([seed, canonical, 0])
-        relaxed = relax(frames, canonical, labeller, config, rng, clock)
-        store.save(f"relaxed-{canonical}", mark, {"T": relaxed.T, "labels": relaxed.labels})
-    else:
-        relaxed = Relaxed(saved["T"], saved["labels"])
-    saved = store.load(f"articulated-{canonical}", mark)
-    if saved is None:
-        rng = np.random.default_rng([seed, canonical, 1])
-        tree, labels = articulate(frames, canonical, relaxed, labeller, config, rng, clock)
-        store.save(f"articulated-{canonical}", mark, {**vars(tree), "labels": labels})
-    else:
-        labels = saved.pop("labels")
-        tree = Articulated(**saved)
-    return Candidate(canonical, tree, labels, energy(frames, tree.forward(), labels))
+@dataclasses.dataclass(frozen=True)
+class Solver:
+    """Runs the two halves of the fit from one canonical frame; finished halves are taken from the store."""
+
+    frames: Frames
+    labeller: Labeller
+    config: FitConfig
+    seed: int
+    clock: Clock
+    store: StageStore
+    mark: str
+
+    def relaxed(self, canonical: int) -> Relaxed:
+        saved = self.store.load(f"relaxed-{canonical}", self.mark)
+        if saved is not None:
+            return Relaxed(saved["T"], saved["labels"])
+        rng = np.random.default_rng([self.seed, canonical, 0])
+        model = relax(self.frames, canonical, self.labeller, self.config, rng, self.clock)
+        self.store.save(f"relaxed-{canonical}", self.mark, {"T": model.T, "labels": model.labels})
+        return model
+
+    def articulated(self, canonical: int, relaxed: Relaxed) -> Candidate:
+        saved = self.store.load(f"articulated-{canonical}", self.mark)
+        if saved is None:
+            rng = np.random.default_rng([self.seed, canonical, 1])
+            tree, labels = articulate(self.frames, canonical, relaxed, self.labeller, self.config, rng, self.clock)
+            self.store.save(f"articulated-{canonical}", self.mark, {**vars(tree), "labels": labels})
+        else:
+            labels = saved.pop("labels")
+            tree = Articulated(**saved)
+        return Candidate(canonical, tree, labels, energy(self.frames, tree.forward(), labels))
 
 
 def to_result(

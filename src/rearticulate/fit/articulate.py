@@ -49,8 +49,8 @@ def articulate(
         for i in range(2):
             tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA_WIDE, SIGMA) if look == i == 0 else (SIGMA,))
             parts, belief = labeller.fine(Relaxed(tree.forward(), labels), belief)
-            labels = cut_seams(frames, tree, parts.labels, config.label, config.seam)
-        tree, changed = repair_joints(frames, canonical, tree, labels, config.repair, rng)
+            labels = cut_seams(frames, tree, parts.labels, config.label, config.seam, only_empty=True)
+        tree, _ = repair_joints(frames, canonical, tree, labels, config.repair, rng)
         tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,))
         if look > 0 and failing == 0:
             break

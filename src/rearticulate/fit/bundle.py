@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from rearticulate.fit.articulated import Articulated, gauss_newton_step
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.register import geman_mcclure, normal_equations
-from rearticulate.fit.relaxed import fuse, fused_equations
+from rearticulate.fit.relaxed import CONVERGED, fuse, fused_equations
+from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import rotate, transform
 
 Array = NDArray[np.float64]
@@ -28,7 +29,7 @@ def canonical_equations(
             continue
         tree, normals = frames.trees[f], frames.normals[frames.rows(f)]
         y, ny = transform(T[f, label], x), rotate(T[f, label], nx)
-        d, j = tree.query(y, workers=-1)
+        d, j = nearest(tree, y)
         z, nz = tree.data[j], normals[j]
         agreement = np.abs(np.einsum("ij,ij->i", ny, nz))
         r = np.einsum("ij,ij->i", y - z, nz)
@@ -47,5 +48,7 @@ def bundle_adjust(
             T = model.forward()
             H1, g1 = fused_equations(frames, canonical, T, labels, fused, sigma)
             H2, g2 = canonical_equations(frames, canonical, T, labels, 2 * sigma)
-            model = gauss_newton_step(model, canonical, H1 + H2, g1 + g2)
+            before, model = model, gauss_newton_step(model, canonical, H1 + H2, g1 + g2)
+            if np.abs(model.q - before.q).max() < CONVERGED and np.abs(model.twist - before.twist).max() < CONVERGED:
+                break
     return model

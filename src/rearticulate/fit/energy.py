@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.labels import evidence_frames
+from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import inverse, transform
 
 Array = NDArray[np.float64]
@@ -22,7 +23,7 @@ def point_misfit(frames: Frames, T: Array, labels: IntArray, limit: int = 12) ->
     for f in evidence_frames(frames.n_frames, limit):
         rows = np.flatnonzero(frames.frame != f)
         y = transform(T[f, labels[rows]], z[rows])
-        d, j = frames.trees[f].query(y, workers=-1)
+        d, j = nearest(frames.trees[f], y)
         r = np.abs(np.einsum("ij,ij->i", y - frames.trees[f].data[j], frames.normals[frames.rows(f)][j]))
         total[rows] += np.minimum(d, 1.6) + 0.25 * np.minimum(r / 0.28, 3.0)
         count[rows] += 1
@@ -39,5 +40,5 @@ def frame_residual(frames: Frames, canonical: int, T: Array, labels: IntArray) -
     rows = frames.rows(canonical)
     out = np.zeros(frames.n_frames)
     for f in range(frames.n_frames):
-        out[f] = frames.trees[f].query(transform(T[f, labels[rows]], frames.points[rows]), workers=-1)[0].mean()
+        out[f] = nearest(frames.trees[f], transform(T[f, labels[rows]], frames.points[rows]))[0].mean()
     return out

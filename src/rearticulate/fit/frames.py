@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from rearticulate.geometry.nearest import nearest
+
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -47,12 +49,12 @@ class Frames:
 
 def point_spacing(clouds: Sequence[Array]) -> float:
     """Median distance to the nearest other point, over all frames."""
-    return float(np.median(np.concatenate([cKDTree(p).query(p, k=2, workers=-1)[0][:, 1] for p in clouds])))
+    return float(np.median(np.concatenate([nearest(cKDTree(p), p, k=2)[0][:, 1] for p in clouds])))
 
 
 def estimate_normals(points: Array, tree: cKDTree, neighbours: int = NORMAL_NEIGHBOURS) -> Array:
     """(N, 3) unit normals of unknown sign: smallest principal direction of the nearest points."""
-    _, near = tree.query(points, k=min(neighbours, tree.n), workers=-1)
+    _, near = nearest(tree, points, k=min(neighbours, tree.n))
     return smallest_direction(tree.data[near])
 
 

@@ -18,6 +18,7 @@ from rearticulate.fit.frames import Frames
 from rearticulate.fit.register import Schedule, fit_cost, geman_mcclure, normal_equations
 from rearticulate.fit.trial import flatten, mean_by
 from rearticulate.geometry.kinematics import forward_kinematics, joint_jacobian
+from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import rotate, transform
 
 Array = NDArray[np.float64]
@@ -78,21 +79,30 @@ class JointRepairer:
 
     def missing(self, f: int, q: Array, parts: list[IntArray]) -> Array:
         """(C,) unexplained points of frame f: capped distance to the parts beyond what the other parts explain."""
-        target = self.frames.trees[f].data
         now = transform(self._forward(f, self.q[f])[self.labels], self.x)
+        poses = self._forward(f, q)
         out = np.zeros(len(q))
+        lonely: dict[bytes, tuple[Array, Array]] = {}
         for c, members in enumerate(parts):
-            mine = np.isin(self.labels, members)
-            if mine.all() or not mine.any():
-                continue
-            apart = cKDTree(now[~mine]).query(target, distance_upper_bound=self.config.reach, workers=-1)[0]
-            u = target[apart > self.config.unexplained]
-            u = u[:: max(1, len(u) // self.config.max_unexplained)]
+            key = members.tobytes()
+            if key not in lonely:
+                mine = np.flatnonzero(np.isin(self.labels, members))
+                lonely[key] = mine, self._unexplained(f, np.delete(now, mine, axis=0)) if len(mine) else now[:0]
+            mine, u = lonely[key]
             if len(u):
-                moved = transform(self._forward(f, q[c])[self.labels[mine]], self.x[mine])
-                d = cKDTree(moved).query(u, distance_upper_bound=self.config.reach, workers=-1)[0]
-                out[c] = np.minimum(d, self.config.reach).sum() * self.config.backward_weight / max(int(mine.sum()), 20)
+                moved = transform(poses[c, self.labels[mine]], self.x[mine])
+                d = nearest(cKDTree(moved), u, within=self.config.reach)[0]
+                out[c] = np.minimum(d, self.config.reach).sum() * self.config.backward_weight / max(len(mine), 20)
         return out
+
+    def _unexplained(self, f: int, others: Array) -> Array:
+        """Points of frame f that the other parts' points (n, 3) do not reach; a sample when there are many."""
+        target = self.frames.trees[f].data
+        if len(others) == 0:
+            return target[:0]
+        far = nearest(cKDTree(others), target, within=self.config.unexplained)[0] > self.config.unexplained
+        u = target[far]
+        return u[:: max(1, len(u) // self.config.max_unexplained)]
 
     def refine(self, f: int, q: Array, branches: list[Branch]) -> Array:
         """Gauss-Newton over the joints of each configuration's branch; q (C, P)."""
@@ -107,7 +117,7 @@ class JointRepairer:
         for i in range(JOINT_SCHEDULE.iterations):
             T = self._forward(f, q)
             y, ny = transform(T[config, label], self.x[point]), rotate(T[config, label], self.nx[point])
-            d, j = tree.query(y, workers=-1)
+            d, j = nearest(tree, y)
             z, nz = tree.data[j], normals[j]
             agreement = np.abs(np.einsum("ij,ij->i", ny, nz))
             r = np.einsum("ij,ij->i", y - z, nz)

@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 from rearticulate.config import LabelConfig
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.relaxed import APART, Relaxed, drop_small
+from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import inverse, transform
 
 Array = NDArray[np.float64]
@@ -44,14 +45,18 @@ def evidence_frames(F: int, limit: int) -> IntArray:
     return np.unique(np.linspace(0, F - 1, min(F, limit)).round().astype(np.int64))
 
 
-def spatial_graph(frames: Frames, k: int, scale: float) -> Graph:
-    """The k nearest points of the same frame, Gaussian weights."""
+def spatial_graph(frames: Frames, k: int, scale: float, offset_scale: float) -> Graph:
+    """The k nearest points of the same frame; Gaussian weights of the distance and of the offset between the two
+    tangent planes, so that two sheets that lie close together stay apart."""
     neighbour, weight = [], []
     for f in range(frames.n_frames):
-        tree = frames.trees[f]
-        d, j = tree.query(tree.data, k=k + 1, workers=-1)
-        neighbour.append(j[:, 1:] + frames.start[f])
-        weight.append(np.exp(-((d[:, 1:] / scale) ** 2)))
+        tree, normals = frames.trees[f], frames.normals[frames.rows(f)]
+        d, j = nearest(tree, tree.data, k=k + 1)
+        d, j = d[:, 1:], j[:, 1:]
+        gap = tree.data[j] - tree.data[:, None]
+        offset = np.maximum(np.abs(np.einsum("nki,ni->nk", gap, normals)), np.abs(np.einsum("nki,nki->nk", gap, normals[j])))
+        neighbour.append(j + frames.start[f])
+        weight.append(np.exp(-((d / scale) ** 2) - (offset / offset_scale) ** 2))
     return Graph(np.concatenate(neighbour), np.concatenate(weight))
 
 
@@ -62,7 +67,7 @@ def temporal_graph(frames: Frames, T: Array, labels: IntArray, targets: IntArray
     weight = np.zeros((len(z), len(targets)))
     for k, f in enumerate(targets):
         rows = np.flatnonzero(frames.frame != f)
-        d, j = frames.trees[f].query(transform(T[f, labels[rows]], z[rows]), workers=-1)
+        d, j = nearest(frames.trees[f], transform(T[f, labels[rows]], z[rows]))
         neighbour[rows, k] = j + frames.start[f]
         weight[rows, k] = np.exp(-((d / scale) ** 2))
     return Graph(neighbour, weight)
@@ -74,7 +79,7 @@ def candidate_parts(frames: Frames, labels: IntArray, P: int, radius: float) -> 
     for f in range(frames.n_frames):
         rows, tree = frames.rows(f), frames.trees[f]
         for p in np.unique(labels[rows]):
-            d, _ = cKDTree(tree.data[labels[rows] == p]).query(tree.data, distance_upper_bound=radius, workers=-1)
+            d, _ = nearest(cKDTree(tree.data[labels[rows] == p]), tree.data, within=radius)
             out[rows, p] = np.isfinite(d)
     return out
 
@@ -93,7 +98,7 @@ def nearest_evidence(frames: Frames, T: Array, candidates: NDArray[np.bool_], ta
     for f in targets:
         rows = np.flatnonzero(frames.frame[point] != f)
         y = transform(T[f, part[rows]], z[rows])
-        d, j = frames.trees[f].query(y, workers=-1)
+        d, j = nearest(frames.trees[f], y)
         r = np.abs(np.einsum("ij,ij->i", y - frames.trees[f].data[j], frames.normals[frames.rows(f)][j]))
         total[rows] += np.minimum(d, 1.6) + 0.25 * np.minimum(r / 0.28, 3.0)
         count[rows] += 1
@@ -157,7 +162,7 @@ def sheet_evidence(
     if len(asked) == 0:
         return out
     k = min(config.sheet_neighbours, len(z))
-    d, j = cKDTree(keyed).query(keyed[asked], k=k, distance_upper_bound=config.sheet_radius, workers=-1)
+    d, j = nearest(cKDTree(keyed), keyed[asked], k=k, within=config.sheet_radius)
     frame = frames.frame[point]
     valid = np.isfinite(d)
     valid[valid] = frame[j[valid]] != np.broadcast_to(frame[asked][:, None], j.shape)[valid]
@@ -212,7 +217,7 @@ class Labeller:
     def __init__(self, frames: Frames, config: LabelConfig):
         self.frames, self.config = frames, config
         self.targets = evidence_frames(frames.n_frames, config.evidence_frames)
-        self.space = spatial_graph(frames, config.neighbours, config.space_scale)
+        self.space = spatial_graph(frames, config.neighbours, config.space_scale, config.offset_scale)
 
     def _time(self, T: Array, labels: IntArray) -> Graph:
         return temporal_graph(self.frames, T, labels, self.targets, self.config.time_scale)

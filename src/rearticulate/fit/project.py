@@ -20,6 +20,7 @@ from rearticulate.fit.chains import ChainFit, fit_prismatic, fit_revolute, fit_s
 from rearticulate.fit.cluster import adjacent_labels
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.relaxed import Fused, Relaxed, fuse, fused_equations, keep_parts
+from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 
 Array = NDArray[np.float64]
@@ -56,7 +57,7 @@ def plane_noise(frames: Frames, canonical: int, model: Relaxed, floor: float) ->
     for f in (canonical - 1, canonical + 1):
         if 0 <= f < frames.n_frames:
             y = transform(model.T[f, labels], frames.points[rows])
-            j = frames.trees[f].query(y, workers=-1)[1]
+            j = nearest(frames.trees[f], y)[1]
             residuals.append(np.abs(np.einsum("ij,ij->i", y - frames.trees[f].data[j], frames.normals[frames.rows(f)][j])))
     return max(1.48 * float(np.median(np.concatenate(residuals))), floor)
 
@@ -112,16 +113,16 @@ def part_gaps(evidence: Evidence, P: int, rng: np.random.Generator, sample: int 
     for p in range(P):
         for q in range(p):
             moved = transform((inverse(T[:, q]) @ T[:, p])[:, None], z[p])
-            d = trees[q].query(moved.reshape(-1, 3), workers=-1)[0].reshape(len(T), -1)
-            nearest = np.partition(d, min(2, d.shape[1] - 1), axis=1)[:, :3]
-            gap[p, q] = gap[q, p] = nearest.mean()
+            d = nearest(trees[q], moved.reshape(-1, 3))[0].reshape(len(T), -1)
+            closest = np.partition(d, min(2, d.shape[1] - 1), axis=1)[:, :3]
+            gap[p, q] = gap[q, p] = closest.mean()
     return gap
 
 
 def contact_point(evidence: Evidence, a: int, b: int, n: int = 40) -> Array:
     """(3,) middle of the nearest fused points of two parts."""
     za, zb = (evidence.fused.z[evidence.fused.labels == p] for p in (a, b))
-    d, j = cKDTree(zb).query(za, workers=-1)
+    d, j = nearest(cKDTree(zb), za)
     near = np.argsort(d, kind="stable")[:n]
     return (za[near] + zb[j[near]]).mean(axis=0) / 2
 

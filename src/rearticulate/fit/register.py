@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import exp_se3, rotate, transform
 
 Array = NDArray[np.float64]
@@ -103,7 +104,7 @@ def register_bodies(
     for i in range(schedule.iterations):
         sigma = schedule.scale(i)
         y, ny = transform(T[body], points), rotate(T[body], normals)
-        d, j = tree.query(y, distance_upper_bound=schedule.max_distance, workers=-1)
+        d, j = nearest(tree, y, within=schedule.max_distance)
         found = np.isfinite(d)
         j = np.where(found, j, 0)
         z, nz = tree.data[j], target_normals[j]
@@ -120,7 +121,7 @@ def register_bodies(
 
 def fit_cost(tree: cKDTree, target_normals: Array, y: Array, ny: Array) -> Array:
     """(n,) robust misfit of moved points y with normals ny to a cloud: distance, plane distance and normal, each capped."""
-    d, j = tree.query(y, workers=-1)
+    d, j = nearest(tree, y)
     r = np.abs(np.einsum("ij,ij->i", y - tree.data[j], target_normals[j]))
     c = 1 - np.abs(np.einsum("ij,ij->i", ny, target_normals[j]))
     return np.minimum(d, 2.0) + 0.25 * np.minimum(r / 0.28, 3.0) + 0.2 * np.minimum(c / 0.3, 1.0)

@@ -18,6 +18,7 @@ from rearticulate.fit.relaxed import Relaxed, drop_small, register_to_frames, re
 from rearticulate.fit.repair import repair_poses
 from rearticulate.fit.track import track
 from rearticulate.fit.trial import Trials, trial_merge
+from rearticulate.geometry.nearest import nearest
 
 Array = NDArray[np.float64]
 
@@ -82,8 +83,8 @@ def part_at_rest(frames: Frames, canonical: int, model: Relaxed, config: RestCon
         axis=0,
     )
     tree = frames.trees[canonical]
-    calm = excess[tree.query(tree.data, k=min(30, tree.n))[1]].mean(axis=1) < config.excess
-    d, j = tree.query(tree.data, k=9)
+    calm = excess[nearest(tree, tree.data, k=min(30, tree.n))[1]].mean(axis=1) < config.excess
+    d, j = nearest(tree, tree.data, k=9)
     a, b = np.repeat(everyone, 8), j[:, 1:].ravel()
     joined = calm[a] & calm[b] & (d[:, 1:].ravel() < 4.0)
     graph = coo_matrix((np.ones(int(joined.sum())), (a[joined], b[joined])), shape=(len(labels),) * 2)

@@ -10,11 +10,13 @@ from scipy.spatial import cKDTree
 
 from rearticulate.fit.frames import Frames, smallest_direction
 from rearticulate.fit.register import Schedule, geman_mcclure, normal_equations, register_bodies, solve_twists
+from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, transform
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+CONVERGED = 5e-3  # a step that moves less than this many spacings is the last
 APART = 1e4  # distance between the clouds of different parts in the 4D tree of `Fused`
 
 
@@ -50,7 +52,7 @@ def spread_labels(frames: Frames, canonical: int, T: Array, labels: IntArray) ->
     out = np.empty(len(frames.points), dtype=np.int64)
     for f in range(frames.n_frames):
         moved = transform(T[f, labels], frames.points[rows])
-        out[frames.rows(f)] = labels[cKDTree(moved).query(frames.points[frames.rows(f)], workers=-1)[1]]
+        out[frames.rows(f)] = labels[nearest(cKDTree(moved), frames.points[frames.rows(f)])[1]]
     out[rows] = labels
     return out
 
@@ -68,7 +70,7 @@ def keep_parts(frames: Frames, model: Relaxed, keep: IntArray) -> Relaxed:
             if len(kept) == 0:
                 labels[rows] = 0
                 continue
-            labels[rows] = np.where(lost, kept[cKDTree(points[~lost]).query(points)[1]], labels[rows])
+            labels[rows] = np.where(lost, kept[nearest(cKDTree(points[~lost]), points)[1]], labels[rows])
     return Relaxed(model.T[:, keep], labels)
 
 
@@ -94,19 +96,19 @@ class Fused:
 
     def nearest_of_other_frames(self, y: Array, label: IntArray, frame: IntArray, k: int = 6) -> tuple[Array, IntArray]:
         """Distance and row of the nearest fused point of the same part that comes from another frame (inf if none)."""
-        d, j = self.tree.query(np.column_stack([y, APART * label]), k=k, workers=-1)
+        d, j = nearest(self.tree, np.column_stack([y, APART * label]), k=k)
         d = np.where((self.frame[np.minimum(j, len(self.z) - 1)] == frame[:, None]) | (d > APART / 2), np.inf, d)
         best = d.argmin(axis=1)
         rows = np.arange(len(y))
         return d[rows, best], np.minimum(j[rows, best], len(self.z) - 1)
 
 
-def fuse(frames: Frames, T: Array, labels: IntArray, neighbours: int = 24) -> Fused:
+def fuse(frames: Frames, T: Array, labels: IntArray, neighbours: int = 16) -> Fused:
     """Bring all points to the canonical frame; normals from the dense fused cloud of each part."""
     z = to_canonical(frames, T, labels)
     keyed = np.column_stack([z, APART * labels])
     tree = cKDTree(keyed)
-    d, j = tree.query(keyed, k=min(neighbours, len(z)), workers=-1)
+    d, j = nearest(tree, keyed, k=min(neighbours, len(z)))
     j = np.where(d < APART / 2, j, j[:, :1])
     return Fused(z, smallest_direction(z[j]), labels, frames.frame, tree)
 
@@ -153,5 +155,8 @@ def register_to_fused(
     moving = np.arange(len(T)) != canonical
     for _ in range(inner):
         H, g = fused_equations(frames, canonical, T, model.labels, fused, sigma)
-        T[moving] = exp_se3(solve_twists(H, g)[moving]) @ T[moving]
+        step = solve_twists(H, g)[moving]
+        T[moving] = exp_se3(step) @ T[moving]
+        if np.abs(step[..., 3:]).max() < CONVERGED:
+            break
     return Relaxed(T, model.labels)

@@ -15,6 +15,7 @@ from rearticulate.fit.frames import Frames
 from rearticulate.fit.register import Schedule
 from rearticulate.fit.relaxed import Relaxed
 from rearticulate.fit.trial import Trials, flatten, mean_by
+from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 
 Array = NDArray[np.float64]
@@ -41,7 +42,7 @@ def about(R: Array, pivot: Array) -> Array:
 
 def border_neighbours(x: Array, labels: IntArray, P: int, n: int) -> list[list[int]]:
     """For every part the n parts that share most of its border."""
-    j = cKDTree(x).query(x, k=min(10, len(x)))[1]
+    j = nearest(cKDTree(x), x, k=min(10, len(x)))[1]
     shared = np.zeros((P, P))
     np.add.at(shared, (np.repeat(labels, j.shape[1] - 1), labels[j[:, 1:]].ravel()), 1)
     np.fill_diagonal(shared, 0)
@@ -68,7 +69,7 @@ class Repairer:
 
     def _contact(self, a: int, b: int, n: int = 10) -> Array:
         xa, xb = self.trials.x[self.labels == a], self.trials.x[self.labels == b]
-        d, j = cKDTree(xb).query(xa)
+        d, j = nearest(cKDTree(xb), xa)
         near = np.argsort(d, kind="stable")[:n]
         return (xa[near] + xb[j[near]]).mean(axis=0) / 2
 
@@ -76,7 +77,7 @@ class Repairer:
         """Per part the points of frame f that no other part reaches."""
         y = transform(self.T[f, self.labels], self.trials.x)
         target = self.frames.points[self.frames.rows(f)]
-        d, j = cKDTree(y).query(target, k=8, workers=-1)
+        d, j = nearest(cKDTree(y), target, k=8)
         owner = self.labels[j]
         out = {}
         for p in self.parts:
@@ -92,7 +93,7 @@ class Repairer:
             return np.zeros(len(T))
         tree = cKDTree(self.trials.x[self.labels == p])
         back = transform(inverse(T)[:, None], points[None])
-        d = tree.query(back.reshape(-1, 3), distance_upper_bound=self.config.reach, workers=-1)[0].reshape(len(T), -1)
+        d = nearest(tree, back.reshape(-1, 3), within=self.config.reach)[0].reshape(len(T), -1)
         return np.minimum(d, self.config.reach).sum(axis=1) * self.config.backward_weight / max(tree.n, 20)
 
     def starts(self, f: int, u: int, p: int, extra: list[Array]) -> list[Array]:

@@ -16,6 +16,7 @@ from rearticulate.fit.articulated import Articulated
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.labels import candidate_parts, sheet_evidence
 from rearticulate.fit.relaxed import to_canonical
+from rearticulate.geometry.nearest import nearest
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -45,7 +46,7 @@ def link_candidates(tree: Articulated, labels: IntArray, z: Array, candidates: N
             za, zb = z[labels == above], z[labels == below]
             if v == 0 or len(za) == 0 or len(zb) == 0:
                 continue
-            d, j = cKDTree(za).query(zb, workers=-1)
+            d, j = nearest(cKDTree(za), zb)
             near = np.argsort(d, kind="stable")[:40]
             contact = (zb[near] + za[j[near]]).mean(axis=0) / 2
             out[:, v] |= (np.linalg.norm(z - contact, axis=1) < config.link_reach) & np.isin(labels, [above, below])
@@ -53,30 +54,46 @@ def link_candidates(tree: Articulated, labels: IntArray, z: Array, candidates: N
 
 
 def cut_seams(
-    frames: Frames, tree: Articulated, labels: IntArray, label_config: LabelConfig, config: SeamConfig
+    frames: Frames,
+    tree: Articulated,
+    labels: IntArray,
+    label_config: LabelConfig,
+    config: SeamConfig,
+    only_empty: bool = False,
 ) -> IntArray:
-    """Labels (M,) with the border of every turning joint made a plane where the evidence allows it."""
+    """Labels (M,) with the border of every turning joint made a plane where the evidence allows it.
+
+    only_empty: only the joints of links that have (almost) no points yet, while the motions are still rough.
+    """
+    empty = np.bincount(labels, minlength=tree.n_parts) / frames.n_frames < config.minimum_support
+    turning = tree.revolute & (tree.parent >= 0)
+    joints = np.flatnonzero(turning & (empty | empty[tree.parent]) if only_empty else turning)
+    if len(joints) == 0:
+        return labels
     T = tree.forward()
     z = to_canonical(frames, T, labels)
     candidates = candidate_parts(frames, labels, tree.n_parts, config.zone)
     candidates = link_candidates(tree, labels, z, candidates, config, frames.n_frames)
     U = sheet_evidence(frames, T, candidates, None, label_config, label_config.sheet_thickness)
     labels = labels.copy()
-    for j in np.flatnonzero(tree.revolute & (tree.parent >= 0)):
+    limit = config.sacrifice * np.sqrt((frames.n_frames - 1) / 9)
+    for j in joints:
         p = int(tree.parent[j])
         zone = np.flatnonzero(((labels == j) | (labels == p)) & candidates[:, j] & candidates[:, p])
         if len(zone) >= config.minimum_points:
-            labels[zone] = _cut(z[zone], labels[zone], U[zone, p] - U[zone, j], int(j), p, tree.twist[j, :3], config)
+            labels[zone] = _cut(z[zone], labels[zone], U[zone, p] - U[zone, j], int(j), p, tree.twist[j, :3], limit, config)
     return labels
 
 
-def _cut(z: Array, labels: IntArray, favour: Array, j: int, p: int, axis: Array, config: SeamConfig) -> IntArray:
+def _cut(z: Array, labels: IntArray, favour: Array, j: int, p: int, axis: Array, limit: float, config: SeamConfig) -> IntArray:
     """Labels of one border zone, cut if that gives up little evidence. favour: evidence for j over p."""
-    near = cKDTree(z).query(z, k=min(config.neighbours, len(z)), workers=-1)[1]
+    near = nearest(cKDTree(z), z, k=min(config.neighbours, len(z)))[1]
     favour = favour[near].mean(axis=1)
     along = z @ axis
     place, side = best_cut(along, favour, config.slack * np.sqrt(len(z)))
     new = np.where(side * (along - place) > 0, j, p)
     changed = new != labels
     lost = (favour * np.where(new == j, -1, 1))[changed].sum()
-    return new if lost < config.sacrifice * changed.sum() else labels
+    if DEBUG: print('   seam',j,p,len(z),'changed',changed.sum(),'lost %.2f'%(lost/max(changed.sum(),1)))
+    return new if lost < limit * changed.sum() else labels
+DEBUG=0

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from rearticulate.config import TrackConfig
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.register import geman_mcclure, normal_equations
-from rearticulate.geometry.nearest import farthest_points
+from rearticulate.geometry.nearest import farthest_points, nearest
 from rearticulate.geometry.se3 import exp_se3, inverse, rotate, transform
 
 Array = NDArray[np.float64]
@@ -64,15 +64,15 @@ def make_patches(points: Array, normals: Array, config: TrackConfig) -> Patches:
     nodes = points[farthest_points(points, min(count, len(points) // 4))]
     K, tree = len(nodes), cKDTree(points)
     size = min(config.patch_size, len(points))
-    owner = cKDTree(nodes).query(points)[1]
-    member = tree.query(nodes, k=size)[1].ravel()
+    owner = nearest(cKDTree(nodes), points)[1]
+    member = nearest(tree, nodes, k=size)[1].ravel()
     patch = np.repeat(np.arange(K), size)
     missing = np.setdiff1d(np.arange(len(points)), member)
     member, patch = np.concatenate([member, missing]), np.concatenate([patch, owner[missing]])
     order = np.argsort(patch, kind="stable")
     member, patch = member[order], patch[order]
     k = min(config.edges_per_node, K - 1)
-    neighbour = cKDTree(nodes).query(nodes, k=k + 1)[1][:, 1:]
+    neighbour = nearest(cKDTree(nodes), nodes, k=k + 1)[1][:, 1:]
     edges = np.unique(np.sort(np.stack([np.repeat(np.arange(K), k), neighbour.ravel()], 1), axis=1), axis=0)
     a, b = nodes[edges[:, 0]], nodes[edges[:, 1]]
     corner = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
@@ -167,7 +167,7 @@ def _match_forward(patches: Patches, T: Array, tree: cKDTree, target_normals: Ar
     """Normal equations of patch points to their nearest target points."""
     y = transform(T[patches.patch], patches.points[patches.member])
     ny = rotate(T[patches.patch], patches.normals[patches.member])
-    d, j = tree.query(y, workers=-1)
+    d, j = nearest(tree, y)
     z, nz = tree.data[j], target_normals[j]
     agreement = np.abs(np.einsum("ij,ij->i", ny, nz))
     r = np.einsum("ij,ij->i", y - z, nz)
@@ -179,7 +179,7 @@ def _match_backward(patches: Patches, T: Array, tree: cKDTree, target_normals: A
     """Normal equations of target points to their nearest patch points: what is observed must be explained."""
     y = transform(T[patches.owner], patches.points)
     ny = rotate(T[patches.owner], patches.normals)
-    d, j = cKDTree(y, balanced_tree=False, compact_nodes=False).query(tree.data, workers=-1)
+    d, j = nearest(cKDTree(y, balanced_tree=False, compact_nodes=False), tree.data)
     agreement = np.abs(np.einsum("ij,ij->i", ny[j], target_normals))
     w = geman_mcclure(d * d, 1.5 * sigma) * np.maximum(agreement, 0.1) * 0.64 * patches.count / tree.n
     return normal_equations(y[j], tree.data, target_normals, w, 0.5 * w, patches.owner[j], patches.count)
@@ -210,7 +210,7 @@ def register_patches(
 def _two_sided_cost(frames: Frames, patches: Patches, T: Array, f: int) -> float:
     y = transform(T[patches.owner], patches.points)
     tree = frames.trees[f]
-    there, back = tree.query(y, workers=-1)[0], cKDTree(y).query(tree.data, workers=-1)[0]
+    there, back = nearest(tree, y)[0], nearest(cKDTree(y), tree.data)[0]
     return float(np.minimum(there, 4).mean() + np.minimum(back, 4).mean())
 
 

@@ -11,6 +11,7 @@ from rearticulate.fit.cluster import adjacent_labels
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.register import Schedule, fit_cost, register_bodies
 from rearticulate.fit.relaxed import Relaxed, keep_parts
+from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import rotate, transform
 
 Array = NDArray[np.float64]
@@ -104,7 +105,7 @@ def _candidates(trials: Trials, labels: IntArray, parts: list[int], gap: float) 
     trees = {p: cKDTree(trials.x[labels == p]) for p in parts}
     for i, p in enumerate(parts):
         for q in parts[i + 1 :]:
-            if (p, q) not in pairs and trees[p].query(trees[q].data, distance_upper_bound=gap)[0].min() < gap:
+            if (p, q) not in pairs and nearest(trees[p], trees[q].data, within=gap)[0].min() < gap:
                 pairs.add((p, q))
     return pairs
 

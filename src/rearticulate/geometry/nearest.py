@@ -5,9 +5,17 @@ from __future__ import annotations
 import numba
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+THREADED = 6000  # starting threads costs more than it gains for fewer queries
+
+
+def nearest(tree: cKDTree, points: Array, k: int = 1, within: float = np.inf) -> tuple[Array, IntArray]:
+    """Distance and row of the k nearest points of the tree ((n,) for k = 1, else (n, k)); inf and tree.n beyond `within`."""
+    return tree.query(points, k=k, distance_upper_bound=within, workers=-1 if len(points) * k > THREADED else 1)
 
 
 @numba.njit(cache=True)
