@@ -67,6 +67,7 @@ class RepairConfig:
     pivot_radius_deg: float = 50.0  # turns about a joint are searched this far
     pivot_step_deg: float = 12.5
     pivot_keep: int = 3
+    branch_suspicion: float = 1.08
     branch_points: int = 400  # points of a branch of the tree in a joint-space restart
     joint_margin: float = 0.015
     swing_deg: float = 60.0  # a joint is searched this far either way
@@ -100,7 +101,7 @@ class LabelConfig:
     sheet_candidates: float = 4.5
     sheet_radius: float = 2.6
     sheet_neighbours: int = 64
-    sheet_tries: int = 40
+    sheet_tries: int = 28
     sheet_thickness: float = 0.093
     sheet_thickness_noise: float = 0.0  # times the measured plane noise
     sheet_curvature: float = 0.008  # thickness grows by this times the squared distance, per spacing

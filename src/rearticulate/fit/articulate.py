@@ -56,7 +56,7 @@ def articulate(
             break
     parts, _ = labeller.fine(Relaxed(tree.forward(), labels), belief)
     labels = cut_seams(frames, tree, parts.labels, config.label, config.seam)
-    tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,))
+    tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,), stride=1)
     progress("articulate", 1.0)
     return tree, labels
 

@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
+INNER = 4
+
+
 def canonical_equations(
     frames: Frames, canonical: int, T: Array, labels: IntArray, sigma: float, max_distance: float = 5.6
 ) -> tuple[Array, Array]:
@@ -39,14 +42,14 @@ def canonical_equations(
 
 
 def bundle_adjust(
-    frames: Frames, canonical: int, model: Articulated, labels: IntArray, sigmas: tuple[float, ...], inner: int = 4
+    frames: Frames, canonical: int, model: Articulated, labels: IntArray, sigmas: tuple[float, ...], stride: int = 2
 ) -> Articulated:
     """Gauss-Newton with the fused clouds rebuilt once a scale. sigmas: robust scales, in spacings."""
     for sigma in sigmas:
         fused = fuse(frames, model.forward(), labels)
-        for _ in range(inner):
+        for _ in range(INNER):
             T = model.forward()
-            H1, g1 = fused_equations(frames, canonical, T, labels, fused, sigma)
+            H1, g1 = fused_equations(frames, canonical, T, fused, sigma, stride)
             H2, g2 = canonical_equations(frames, canonical, T, labels, 2 * sigma)
             before, model = model, gauss_newton_step(model, canonical, H1 + H2, g1 + g2)
             if np.abs(model.q - before.q).max() < CONVERGED and np.abs(model.twist - before.twist).max() < CONVERGED:

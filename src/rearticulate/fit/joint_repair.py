@@ -53,6 +53,7 @@ class JointRepairer:
         self.frames, self.canonical, self.model, self.config, self.rng = frames, canonical, model, config, rng
         self.x, self.nx, self.labels = frames.points[rows], frames.normals[rows], labels[rows]
         self.q = model.q.copy()
+        self.best: dict[int, float] = {}
 
     def branch(self, top: int) -> Branch | None:
         """The branch of joint `top`; None when it has too few points to tell."""
@@ -153,7 +154,11 @@ class JointRepairer:
 
     def restart_branches(self, f: int, u: int) -> int:
         """Try other frames' joint values for every branch of the root. u: the frame before."""
-        branches = [b for j in np.flatnonzero(self.model.parent == 0) if (b := self.branch(int(j))) is not None]
+        branches = []
+        for j in np.flatnonzero(self.model.parent == 0):
+            b = self.branch(int(j))
+            if b is not None and self.suspicious(f, b):
+                branches.append(b)
         starts = []
         for b in branches:
             values = [self.q[f], self.q[u]]
@@ -163,6 +168,13 @@ class JointRepairer:
                 values.append((self.q[u] + self.q[2 * f - u]) / 2)
             starts.append([self._with(f, b, v) for v in values])
         return self._choose(f, branches, starts) if branches else 0
+
+    def suspicious(self, f: int, branch: Branch) -> bool:
+        """Does the branch fit frame f worse than its better frames?"""
+        now = self.cost(f, self.q[[f]], [branch.points])[0] + self.missing(f, self.q[[f]], [branch.parts])[0]
+        best = self.best.get(branch.top, np.inf)
+        self.best[branch.top] = min(best, now)
+        return now > self.config.branch_suspicion * self.best[branch.top] or best == np.inf
 
     def _with(self, f: int, branch: Branch, values: Array) -> Array:
         q = self.q[f].copy()

@@ -64,7 +64,7 @@ def plane_noise(frames: Frames, canonical: int, model: Relaxed, floor: float) ->
 
 def gather_evidence(frames: Frames, canonical: int, model: Relaxed, config: ProjectConfig) -> Evidence:
     fused = fuse(frames, model.T, model.labels)
-    H, _ = fused_equations(frames, canonical, model.T, model.labels, fused, INFORMATION_SIGMA)
+    H, _ = fused_equations(frames, canonical, model.T, fused, INFORMATION_SIGMA)
     return Evidence(model.T, H, plane_noise(frames, canonical, model, config.noise_floor), fused, canonical)
 
 

@@ -125,22 +125,25 @@ def register_to_frames(frames: Frames, canonical: int, model: Relaxed, schedule:
 
 
 def fused_equations(
-    frames: Frames, canonical: int, T: Array, labels: IntArray, fused: Fused, sigma: float, max_distance: float = 2.8
+    frames: Frames, canonical: int, T: Array, fused: Fused, sigma: float, stride: int = 1, max_distance: float = 2.8
 ) -> tuple[Array, Array]:
     """Normal equations H (F, P, 6, 6), g (F, P, 6) of the left twists of T from frame points against the fused cloud.
 
-    The residual lives in the canonical frame; a left twist of inv(T) there is -inv(T) (twist) T here.
+    The residual lives in the canonical frame; a left twist of inv(T) there is -inv(T) (twist) T here. With a stride
+    only every stride-th point is asked, and counts for as many.
     """
     F, P = T.shape[:2]
     T_back = inverse(T)
-    y = transform(T_back[frames.frame, labels], frames.points)
-    d, j = fused.nearest_of_other_frames(y, labels, frames.frame)
-    found = (d < max_distance) & (frames.frame != canonical)
+    rows = np.flatnonzero(frames.frame != canonical)[::stride]
+    labels, frame = fused.labels[rows], frames.frame[rows]
+    y = transform(T_back[frame, labels], frames.points[rows])
+    d, j = fused.nearest_of_other_frames(y, labels, frame)
+    found = d < max_distance
     z, n = fused.z[j], fused.normals[j]
     r = np.einsum("ij,ij->i", y - z, n)
     d = np.where(found, d, 0.0)
-    w = geman_mcclure(r * r + 0.1 * d * d, sigma) * found
-    H, g = normal_equations(y, z, n, w, 0.03 * w, frames.frame * P + labels, F * P)
+    w = stride * geman_mcclure(r * r + 0.1 * d * d, sigma) * found
+    H, g = normal_equations(y, z, n, w, 0.03 * w, frame * P + labels, F * P)
     A = adjoint(T_back.reshape(-1, 4, 4))
     A_t = np.swapaxes(A, -1, -2)
     return (A_t @ H @ A).reshape(F, P, 6, 6), -(A_t @ g[..., None])[..., 0].reshape(F, P, 6)
@@ -154,7 +157,7 @@ def register_to_fused(
     T = model.T.copy()
     moving = np.arange(len(T)) != canonical
     for _ in range(inner):
-        H, g = fused_equations(frames, canonical, T, model.labels, fused, sigma)
+        H, g = fused_equations(frames, canonical, T, fused, sigma, stride=2)
         step = solve_twists(H, g)[moving]
         T[moving] = exp_se3(step) @ T[moving]
         if np.abs(step[..., 3:]).max() < CONVERGED:
