@@ -31,8 +31,8 @@ check: install
 bench: install
 	$(BIN)/python benchmarks/bench.py
 
-pictures: install
-	$(BIN)/python -m rearticulate.report.pictures docs/demo
+pictures: demo
+	$(BIN)/python -m rearticulate.report.pictures demo-out docs
 
 lock: install
 	$(BIN)/python -m pip install --quiet uv

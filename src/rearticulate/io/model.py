@@ -18,7 +18,7 @@ config.json    the resolved configuration once more, on its own
 arrays.npz     points (N, 3) float64 and labels (N,) int64: canonical cloud and its parts; q (F, P);
                T_world_root (F, 4, 4); residual (F,); frame_labels (sum N_f,): the part of each point of the input,
                frame f in frame_labels[frame_offsets[f]:frame_offsets[f + 1]]; frame_index, split alike: row of each
-               of these points in its source file
+               of these points in its source file; frame_points (sum N_f, 3), split alike: the points themselves
 joints.csv     a line a frame: frame, then one column a moving joint, "name [rad]" or "name [m]"
 canonical.ply  the canonical cloud, coloured by part
 stages/        what a stopped fit goes on from (see `io.stages`); kept when the result is replaced
@@ -133,6 +133,16 @@ def load_result(folder: PathLike) -> FitResult:
         )
 
 
+def load_sequence_of(folder: PathLike) -> PointSequence:
+    """The sequence that a result was fitted to, as it was fitted."""
+    folder = Path(folder)
+    _, arrays = _read(folder)
+    with _damage(folder):
+        points = _split(arrays["frame_points"], arrays["frame_offsets"])
+        index = _split(arrays["frame_index"], arrays["frame_offsets"])
+        return PointSequence(points, index, tuple(f"frame {f}" for f in range(len(points))))
+
+
 def load_model(path: PathLike) -> KinematicModel:
     """The model alone, from the folder of a result or from the model.json in it."""
     path = Path(path)
@@ -208,6 +218,7 @@ def _arrays(result: FitResult, sequence: PointSequence) -> dict[str, Any]:
         "residual": result.residual,
         "frame_labels": np.concatenate(result.labels),
         "frame_index": np.concatenate(sequence.index),
+        "frame_points": np.concatenate(sequence.points),
         "frame_offsets": np.cumsum([0, *sizes]),
     }
 
@@ -285,7 +296,7 @@ def _diagnostics(record: dict[str, Any]) -> JointDiagnostics:
     return JointDiagnostics(**values)
 
 
-def _split(flat: IntArray, offsets: IntArray) -> tuple[IntArray, ...]:
+def _split(flat: np.ndarray, offsets: IntArray) -> tuple[np.ndarray, ...]:
     if offsets[0] != 0 or offsets[-1] != len(flat) or (np.diff(offsets) < 0).any():
-        raise ValueError("frame_offsets does not fit frame_labels")
+        raise ValueError("frame_offsets does not fit the arrays of the frames")
     return tuple(np.split(flat, offsets[1:-1]))

@@ -1,0 +1,171 @@
+"""The command `rearticulate`: arguments and help only. What a command does is in `rearticulate.commands`,
+imported when it runs, so that help is instant.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rearticulate.commands.outcome import INTERRUPTED, reported, say
+
+app = typer.Typer(
+    help="4D point clouds of any articulated object become rearticulable kinematic models.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on stdout.")]
+Scale = Annotated[float, typer.Option(help="Metres in one unit of the input (0.001 for millimetres).")]
+Seed = Annotated[int, typer.Option(help="Seed; the same seed gives the same result.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result.")]
+OutFolder = Annotated[Path, typer.Option("-o", "--output", help="Folder of the result.")]
+
+
+def main() -> None:
+    """Entry point."""
+    try:
+        app()
+    except KeyboardInterrupt:
+        say("interrupted")
+        raise SystemExit(INTERRUPTED) from None
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        print(f"rearticulate {version('rearticulate')}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """4D point clouds of any articulated object become rearticulable kinematic models."""
+
+
+@app.command()
+@reported
+def fit(
+    source: Annotated[
+        str, typer.Argument(metavar="INPUT", help="An .npz, a folder of frames, or a quoted pattern ('scan_*.ply').")
+    ],
+    output: OutFolder,
+    preset: Annotated[str, typer.Option(help="Named configuration.")] = "direct",
+    config: Annotated[
+        Path | None, typer.Option(help="File of settings that differ from the preset (keys as in config.json).")
+    ] = None,
+    canonical: Annotated[str, typer.Option(metavar="auto|K", help="Frame of the rest pose.")] = "auto",
+    seed: Seed = 0,
+    device: Annotated[str, typer.Option(metavar="auto|cpu|cuda", help="Where to compute.")] = "auto",
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from a stopped fit.")] = False,
+    overwrite: Overwrite = False,
+    scale: Scale = 1.0,
+    max_points: Annotated[int, typer.Option(help="Larger frames are subsampled.")] = 20_000,
+    no_report: Annotated[bool, typer.Option("--no-report", help="Write no report.html and no pictures.")] = False,
+    json: Json = False,
+) -> None:
+    """Fit a model to a sequence of point clouds."""
+    from rearticulate.commands.fitting import FitOptions, run_fit
+
+    options = FitOptions(preset, config, canonical, seed, device, resume, overwrite, not no_report)
+    run_fit(source, output, options, scale, max_points, json)
+
+
+@app.command("eval")
+@reported
+def evaluate(
+    result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a result.")],
+    truth: Annotated[Path, typer.Argument(metavar="TRUTH", help="Its ground truth, a .truth.npz.")],
+    json: Json = False,
+) -> None:
+    """Compare a result with ground truth."""
+    from rearticulate.commands.inspect import run_eval
+
+    run_eval(result, truth, json)
+
+
+@app.command()
+@reported
+def simulate(
+    model: Annotated[Path, typer.Argument(metavar="MODEL.urdf", help="Any URDF with visual geometry.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="SEQ.npz; the truth goes to SEQ.truth.npz.")],
+    frames: Annotated[int, typer.Option(help="Number of frames.")] = 10,
+    points: Annotated[int, typer.Option(help="Points a frame.")] = 4096,
+    step_deg: Annotated[float, typer.Option(help="What a hinge turns a frame, degrees.")] = 10.0,
+    step_m: Annotated[
+        float | None, typer.Option(help="What a slide moves a frame, metres. [default: step-deg/180 of its range]")
+    ] = None,
+    start: Annotated[str, typer.Option(metavar="random|middle|zero", help="First posture.")] = "random",
+    noise: Annotated[float, typer.Option(help="Standard deviation of each coordinate, metres.")] = 0.0,
+    one_sided: Annotated[bool, typer.Option("--one-sided", help="Keep what one camera sees.")] = False,
+    moving_root: Annotated[bool, typer.Option("--moving-root", help="Let the root wander.")] = False,
+    novel: Annotated[int, typer.Option(help="Novel postures in the ground truth.")] = 3,
+    merge_below: Annotated[
+        float, typer.Option(help="Links with less than this share of the surface join their parent.")
+    ] = 0.015,
+    package_dir: Annotated[
+        list[Path] | None, typer.Option(help="Folder that holds the packages of package:// names; repeatable.")
+    ] = None,
+    seed: Seed = 0,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace earlier files.")] = False,
+    json: Json = False,
+) -> None:
+    """Make a sequence with ground truth from a URDF."""
+    from rearticulate.commands.simulating import run_simulate
+
+    settings = {
+        "frames": frames,
+        "points": points,
+        "step_deg": step_deg,
+        "step_m": step_m,
+        "start": start,
+        "noise": noise,
+        "one_sided": one_sided,
+        "moving_root": moving_root,
+        "novel": novel,
+        "merge_below": merge_below,
+        "package_dirs": tuple(package_dir or ()),
+        "seed": seed,
+    }
+    run_simulate(model, output, overwrite, json, settings)
+
+
+@app.command()
+@reported
+def demo(
+    name: Annotated[str | None, typer.Argument(help="Which bundled sequence. [default: the first]")] = None,
+    output: OutFolder = Path("demo-out"),
+    json: Json = False,
+) -> None:
+    """Fit a bundled sequence and compare with ground truth; replaces an earlier demo."""
+    from rearticulate.commands.fitting import run_demo
+
+    run_demo(name, output, json)
+
+
+@app.command()
+@reported
+def info(
+    source: Annotated[
+        str, typer.Argument(metavar="FILE", help="A sequence, a ground truth or the folder of a result.")
+    ],
+    scale: Scale = 1.0,
+    json: Json = False,
+) -> None:
+    """What is in a sequence or a model."""
+    from rearticulate.commands.inspect import run_info
+
+    run_info(source, scale, json)
+
+
+if __name__ == "__main__":
+    main()

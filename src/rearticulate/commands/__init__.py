@@ -1,0 +1,1 @@
+"""What the sub-commands do: load, call, print, save. No algorithm lives here."""

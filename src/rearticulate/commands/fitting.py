@@ -1,0 +1,137 @@
+"""`fit` and `demo`: from a sequence to the folder of a result."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from rearticulate.commands.outcome import say
+from rearticulate.commands.progress import StageProgress
+from rearticulate.commands.show import print_json, show_metrics, show_result
+from rearticulate.config import FitConfig, load_config, preset
+from rearticulate.errors import InputError
+from rearticulate.io.model import check_output, load_result, load_sequence_of, save_result
+from rearticulate.io.sequence import load_sequence
+from rearticulate.io.stages import StageStore
+from rearticulate.records import FitResult, Metric, PointSequence
+from rearticulate.report.summary import jsonable, result_as_dict
+
+
+@dataclasses.dataclass(frozen=True)
+class FitOptions:
+    """What the command line says about a fit."""
+
+    preset: str = "direct"
+    config: Path | None = None
+    canonical: str = "auto"
+    seed: int = 0
+    device: str = "auto"
+    resume: bool = False
+    overwrite: bool = False
+    report: bool = True
+
+    def resolve(self) -> FitConfig:
+        """The configuration: a preset, changed by the file."""
+        if self.device not in ("auto", "cpu", "cuda"):
+            raise InputError(f"--device must be auto, cpu or cuda, not {self.device!r}")
+        if self.device == "cuda":
+            raise InputError(f"--device cuda: the preset {self.preset!r} runs on the CPU; use auto or cpu")
+        base = preset(self.preset)
+        return base if self.config is None else load_config(self.config, base)
+
+    def canonical_frame(self) -> int | None:
+        """The frame asked for; None for auto."""
+        if self.canonical == "auto":
+            return None
+        if not self.canonical.isdecimal():
+            raise InputError(f"--canonical must be 'auto' or the number of a frame, not {self.canonical!r}")
+        return int(self.canonical)
+
+
+def run_fit(source: str, out: Path, options: FitOptions, scale: float, max_points: int, as_json: bool) -> None:
+    """The command `fit`."""
+    config, canonical = options.resolve(), options.canonical_frame()
+    if options.resume and not options.overwrite and (out / "model.json").exists():
+        result, sequence = _finished(out, config, options.seed)
+    else:
+        check_output(out, overwrite=options.overwrite)
+        sequence = load_sequence(source, scale=scale, max_points=max_points, seed=options.seed)
+        result = fit_with_progress(sequence, config, canonical, out, options)
+        write_result(out, result, sequence, None, options)
+    if as_json:
+        print_json({"out": str(out), **result_as_dict(result)})
+        return
+    show_result(result, sequence)
+    print(_written(out))
+
+
+def run_demo(name: str | None, out: Path, as_json: bool) -> None:
+    """The command `demo`: fit a bundled sequence, compare with ground truth, replace an earlier demo."""
+    from rearticulate.evaluate.metrics import evaluate
+    from rearticulate.io.truth import load_truth
+    from rearticulate.synth import bundled
+
+    name = name or bundled.names()[0]
+    if name not in bundled.names():
+        raise InputError(f"there is no bundled sequence {name!r}; there are {', '.join(bundled.names())}")
+    options = FitOptions(overwrite=True)
+    check_output(out, overwrite=True)
+    sequence = load_sequence(bundled.path(name))
+    result = fit_with_progress(sequence, options.resolve(), None, out, options)
+    metrics = evaluate(result, load_truth(bundled.truth_path(name)), sequence)
+    write_result(out, result, sequence, metrics, options)
+    if as_json:
+        print_json({"out": str(out), **result_as_dict(result), "metrics": {m.key: m.value for m in metrics}})
+        return
+    show_result(result, sequence)
+    show_metrics(metrics)
+    print(_written(out))
+
+
+def fit_with_progress(
+    sequence: PointSequence, config: FitConfig, canonical: int | None, out: Path, options: FitOptions
+) -> FitResult:
+    """Fit, stage records in OUT/stages; without --resume those of an earlier run go first."""
+    from rearticulate.pipeline import fit
+
+    stages = out / "stages"
+    if not options.resume:
+        shutil.rmtree(stages, ignore_errors=True)
+    try:
+        with StageProgress() as progress:
+            store = StageStore(stages)
+            return fit(sequence, config, seed=options.seed, canonical=canonical, progress=progress, store=store)
+    except KeyboardInterrupt:
+        kept = stages.is_dir() and any(stages.iterdir())
+        raise KeyboardInterrupt("interrupted" + ("; --resume goes on from here" if kept else "")) from None
+
+
+def write_result(
+    out: Path, result: FitResult, sequence: PointSequence, metrics: Sequence[Metric] | None, options: FitOptions
+) -> None:
+    """The whole folder at once, report and pictures included."""
+
+    def report(folder: Path) -> None:
+        from rearticulate.report.html import write_report
+        from rearticulate.report.pictures import write_pictures
+
+        write_report(folder, result, sequence, metrics, title=out.resolve().name)
+        write_pictures(folder, result, sequence)
+
+    save_result(out, result, sequence, overwrite=options.overwrite, extra=report if options.report else None)
+
+
+def _finished(out: Path, config: FitConfig, seed: int) -> tuple[FitResult, PointSequence]:
+    """The result that is there already, if it was made with the same settings."""
+    result = load_result(out)
+    if result.seed != seed or jsonable(result.config) != jsonable(dataclasses.asdict(config)):
+        raise InputError(f"{out}: holds a result made with other settings; ask for --overwrite or name another folder")
+    say(f"{out}: complete already, nothing to resume")
+    return result, load_sequence_of(out)
+
+
+def _written(out: Path) -> str:
+    report = out / "report.html"
+    return f"report  {report}" if report.exists() else f"result  {out}"

@@ -1,0 +1,103 @@
+"""`info` and `eval`: what is in a file, and how good a result is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from rearticulate.commands.show import print_json, show_facts, show_metrics, show_result
+from rearticulate.io.model import load_result, load_sequence_of
+from rearticulate.io.sequence import load_sequence
+from rearticulate.io.truth import load_truth
+from rearticulate.records import GroundTruth, PointSequence
+from rearticulate.report.summary import length, result_as_dict
+
+
+def run_eval(folder: Path, truth: Path, as_json: bool) -> None:
+    """The command `eval`."""
+    from rearticulate.evaluate.metrics import evaluate
+
+    metrics = evaluate(load_result(folder), load_truth(truth), load_sequence_of(folder))
+    if as_json:
+        print_json({m.key: m.value for m in metrics})
+    else:
+        show_metrics(metrics)
+
+
+def run_info(source: str, scale: float, as_json: bool) -> None:
+    """The command `info`."""
+    path = Path(source)
+    folder = path.parent if path.name == "model.json" else path
+    if (folder / "model.json").exists():
+        _info_of_result(folder, as_json)
+    elif path.name.endswith(".truth.npz"):
+        _info_of_truth(load_truth(path), as_json)
+    else:
+        _info_of_sequence(load_sequence(source, scale=scale), as_json)
+
+
+def _info_of_result(folder: Path, as_json: bool) -> None:
+    result = load_result(folder)
+    if as_json:
+        print_json({"kind": "model", **result_as_dict(result)})
+    else:
+        show_result(result)
+
+
+def _info_of_truth(truth: GroundTruth, as_json: bool) -> None:
+    kinds = None if truth.joint_type is None else list(truth.joint_type)
+    facts: dict[str, Any] = {
+        "kind": "ground truth",
+        "frames": len(truth.labels),
+        "parts": len(truth.parent),
+        "parent": truth.parent.tolist(),
+        "joint_type": kinds,
+        "novel_poses": len(truth.novel),
+    }
+    if as_json:
+        print_json(facts)
+    else:
+        show_facts({name.replace("_", " "): str(value) for name, value in facts.items() if value is not None})
+
+
+def _info_of_sequence(sequence: PointSequence, as_json: bool) -> None:
+    sizes = [len(p) for p in sequence.points]
+    extent = np.ptp(np.concatenate(sequence.points), axis=0)
+    spacing = median_spacing(sequence)
+    unit, advice = unit_guess(float(np.linalg.norm(extent)))
+    if as_json:
+        facts = {"frames": len(sequence), "points": sizes, "size": extent, "spacing": spacing, "unit_guess": unit}
+        print_json({"kind": "sequence", **facts})
+        return
+    points = str(sizes[0]) if len(set(sizes)) == 1 else f"{min(sizes)} to {max(sizes)}"
+    show_facts(
+        {
+            "frames": str(len(sequence)),
+            "points a frame": points,
+            "size": " × ".join(length(float(x)) for x in extent) + ", if in metres",
+            "spacing": f"{length(spacing)} to the nearest point (median)",
+            "unit": f"{unit}{advice}",
+        }
+    )
+
+
+def median_spacing(sequence: PointSequence) -> float:
+    """Median distance of a point of the middle frame to its nearest neighbour."""
+    points = sequence.points[len(sequence) // 2]
+    if len(points) < 2:
+        return float("nan")
+    return float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
+
+
+def unit_guess(diagonal: float) -> tuple[str, str]:
+    """The unit that makes an object of everyday size (2 cm to 20 m) of this diagonal, and what to do about it."""
+    if 0.02 <= diagonal < 20:
+        return "metres", ""
+    if 20 <= diagonal < 200:
+        return "centimetres", ": fit with --scale 0.01"
+    if 200 <= diagonal < 20_000:
+        return "millimetres", ": fit with --scale 0.001"
+    return "unknown", ": no everyday object in metres, centimetres or millimetres"

@@ -1,0 +1,180 @@
+"""A result in words and plain numbers: shared by the terminal, the page and `--json`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rearticulate.records import FitResult, KinematicModel, Metric, PointSequence
+
+
+@dataclass(frozen=True)
+class JointRow:
+    """One line of the joint table, as text with units."""
+
+    part: str
+    parent: str
+    kind: str
+    axis: str
+    origin: str
+    range: str
+    residual: str
+    uncertainty: str
+    note: str
+
+
+def joint_rows(result: FitResult) -> list[JointRow]:
+    """The joint table, the root left out."""
+    return [_joint_row(result, j) for j in range(1, result.model.n_parts)]
+
+
+def _joint_row(result: FitResult, j: int) -> JointRow:
+    model, joint = result.model, result.joints[j]
+    moves = model.joint_type[j] != "fixed"
+    return JointRow(
+        part=model.names[j],
+        parent=model.names[model.parent[j]],
+        kind=model.joint_type[j],
+        axis=_vector(model.axis[j], 3) if moves else "",
+        origin=_vector(model.origin[j], 3),
+        range=joint_range(model, j),
+        residual=length(joint.residual),
+        uncertainty=_uncertainty(result, j) if moves else "",
+        note=joint_note(result, j),
+    )
+
+
+def joint_range(model: KinematicModel, j: int) -> str:
+    """Observed values of q: degrees for a hinge, centimetres for a slide."""
+    low, high = model.limits[j]
+    if model.joint_type[j] == "revolute":
+        return f"{math.degrees(low):.1f} … {math.degrees(high):.1f}°"
+    if model.joint_type[j] == "prismatic":
+        return f"{100 * low:.2f} … {100 * high:.2f} cm"
+    return ""
+
+
+def joint_note(result: FitResult, j: int) -> str:
+    """Why the joint is not determined, or how far behind the other joint type is."""
+    joint = result.joints[j]
+    if not joint.determined:
+        return f"not determined: {joint.note}" if joint.note else "not determined"
+    runner_up = (
+        f"{joint.runner_up} +{joint.runner_up_margin:.3g} χ²" if joint.runner_up and joint.runner_up_margin > 0 else ""
+    )
+    return "; ".join(filter(None, [joint.note, runner_up]))
+
+
+def _uncertainty(result: FitResult, j: int) -> str:
+    joint = result.joints[j]
+    direction = f"±{math.degrees(joint.axis_std):.2g}°"
+    return direction if result.model.joint_type[j] == "prismatic" else f"{direction} ±{length(joint.origin_std)}"
+
+
+def length(metres: float) -> str:
+    """A length in the unit that reads best."""
+    if not math.isfinite(metres):
+        return "–"
+    if abs(metres) < 1e-6:
+        return "0 mm"
+    for unit, scale in (("mm", 1000.0), ("cm", 100.0)):
+        if abs(metres) * scale < 100:
+            return f"{metres * scale:.3g} {unit}"
+    return f"{metres:.3g} m"
+
+
+def _vector(v: np.ndarray, digits: int) -> str:
+    return " ".join(f"{x:.{digits}f}" for x in np.round(v, digits) + 0.0)
+
+
+def counted(n: int, noun: str) -> str:
+    """ "1 part", "2 parts"."""
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
+def headline(result: FitResult, sequence: PointSequence | None = None) -> list[str]:
+    """The facts to read first."""
+    model = result.model
+    kinds = [k for k in ("revolute", "prismatic", "fixed") if k in model.joint_type]
+    joints = counted(model.n_parts - 1, "joint")
+    if kinds:
+        joints += " (" + ", ".join(f"{model.joint_type.count(k)} {k}" for k in kinds) + ")"
+    frames = counted(len(result.motion.q), "frame")
+    if sequence is not None:
+        sizes = [len(p) for p in sequence.points]
+        frames += f" of {min(sizes)} points" if min(sizes) == max(sizes) else f" of {min(sizes)} to {max(sizes)} points"
+    seconds = sum(s.seconds for s in result.stages)
+    return [
+        counted(model.n_parts, "part"),
+        joints,
+        frames,
+        f"canonical frame {model.canonical}",
+        f"energy {result.energy:.4g}",
+        f"{seconds:.1f} s",
+    ]
+
+
+def children(model: KinematicModel) -> dict[int, list[int]]:
+    """Children of every part; the root under -1."""
+    table: dict[int, list[int]] = {j: [] for j in range(-1, model.n_parts)}
+    for j, p in enumerate(model.parent):
+        table[int(p)].append(j)
+    return table
+
+
+def model_as_dict(model: KinematicModel) -> dict[str, Any]:
+    """Parts and joints of a model as plain numbers, in metres and radians."""
+    counts = np.bincount(model.labels, minlength=model.n_parts)
+    return {
+        "canonical": model.canonical,
+        "parts": [{"name": n, "points": int(c)} for n, c in zip(model.names, counts, strict=True)],
+        "joints": [_joint_as_dict(model, j) for j in range(1, model.n_parts)],
+    }
+
+
+def _joint_as_dict(model: KinematicModel, j: int) -> dict[str, Any]:
+    return {
+        "part": model.names[j],
+        "parent": model.names[model.parent[j]],
+        "type": model.joint_type[j],
+        "axis": model.axis[j].tolist(),
+        "origin": model.origin[j].tolist(),
+        "limits": model.limits[j].tolist(),
+    }
+
+
+def result_as_dict(result: FitResult) -> dict[str, Any]:
+    """A whole result as plain numbers, without its arrays."""
+    out = model_as_dict(result.model)
+    for entry, joint in zip(out["joints"], result.joints[1:], strict=True):
+        entry.update(vars(joint))
+    out["energy"] = result.energy
+    out["energies"] = {str(k): v for k, v in result.energies.items()}
+    out["residual"] = np.asarray(result.residual).tolist()
+    out["seconds"] = {s.name: s.seconds for s in result.stages}
+    out["seed"] = result.seed
+    return out
+
+
+def metrics_as_dict(metrics: Sequence[Metric]) -> dict[str, Any]:
+    """key -> value, unit and direction."""
+    return {m.key: {"value": m.value, "unit": m.unit, "better": m.better} for m in metrics}
+
+
+def jsonable(value: Any) -> Any:
+    """Strict JSON: numpy numbers become plain ones, NaN and infinity become null."""
+    if isinstance(value, dict):
+        return {str(k): jsonable(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [jsonable(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return jsonable(value.tolist())
+    if isinstance(value, np.generic):
+        return jsonable(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

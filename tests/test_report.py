@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rearticulate.records import FitResult, Metric, PointSequence
+from rearticulate.report.html import write_report
+from rearticulate.report.pictures import project, write_pictures
+from rearticulate.report.scene import animation, axis_segments
+from rearticulate.report.summary import joint_rows, jsonable, length, result_as_dict
+from toy_result import FRAMES, toy
+
+PNG = b"\x89PNG"
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    result, sequence = toy(names=("base", "</script> & arm", "tip"))
+    metrics = [Metric("recon_cm", 0.07, "cm", "lower")]
+    path = write_report(tmp_path_factory.mktemp("run"), result, sequence, metrics, title="a <toy>")
+    assert path.name == "report.html"
+    return path.read_text(encoding="utf-8")
+
+
+def test_the_page_needs_no_network(page: str) -> None:
+    tags = re.findall(r"<(?:script|link|img|iframe|object)\b[^>]*>", page)
+    assert not [tag for tag in tags if re.search(r"\b(?:src|href|data)\s*=", tag)]
+    assert "@import" not in page.split("</style>", maxsplit=1)[0]
+
+
+def test_the_page_tells_everything_and_escapes_names(page: str) -> None:
+    body = page.split("<script>", maxsplit=1)[0]
+    for text in ("a &lt;toy&gt;", "base", "&lt;/script&gt; &amp; arm", "tip", "recon_cm", "moves within the noise"):
+        assert text in body
+    assert "1 revolute, 1 prismatic" in body
+    assert "$" not in body
+    assert page.count("</script>") == 3
+
+
+def test_the_figures_are_json_of_every_frame_and_part(page: str) -> None:
+    figures = re.search(r'<script type="application/json" id="figures">(.*?)</script>', page, re.DOTALL)
+    assert figures
+    content = json.loads(figures.group(1))
+    assert set(content) == {"animation", "parts", "flow", "residual", "energy", "time"}
+    assert len(content["animation"]["frames"]) == FRAMES
+    assert [trace["name"] for trace in content["parts"]["data"]] == ["base", "</script> & arm", "tip", "joint axes"]
+
+
+def test_large_frames_are_thinned_for_the_animation() -> None:
+    result, sequence = toy(points=3000)
+    figure = animation(result, sequence)
+    shown = sum(len(trace["x"]["bdata"]) * 3 // 4 // 4 for trace in figure["data"][:-1])
+    assert 1900 < shown < 2100
+
+
+def test_one_rigid_body_has_a_report_too(tmp_path: Path) -> None:
+    result, sequence = rigid_body()
+    page = write_report(tmp_path, result, sequence).read_text(encoding="utf-8")
+    assert "One rigid body: no joints." in page
+    assert all(path.read_bytes()[:4] == PNG for path in write_pictures(tmp_path, result, sequence))
+
+
+def rigid_body() -> tuple[FitResult, PointSequence]:
+    from dataclasses import replace
+
+    result, sequence = toy()
+    model = result.model
+    one = replace(
+        model,
+        parent=model.parent[:1],
+        joint_type=model.joint_type[:1],
+        axis=model.axis[:1],
+        origin=model.origin[:1],
+        limits=model.limits[:1],
+        names=model.names[:1],
+        labels=np.zeros_like(model.labels),
+    )
+    motion = replace(result.motion, q=result.motion.q[:, :1])
+    labels = (one.labels,) * FRAMES
+    return replace(result, model=one, motion=motion, joints=result.joints[:1], labels=labels), sequence
+
+
+def test_pictures(tmp_path: Path) -> None:
+    for path in write_pictures(tmp_path, *toy()):
+        assert path.read_bytes()[:4] == PNG
+
+
+def test_axes_are_drawn_on_their_parents() -> None:
+    result, _ = toy()
+    poses = result.model.forward(result.motion.q)
+    segments, names = axis_segments(result.model, poses[3])
+    assert names == ["arm: revolute", "tip: prismatic"]
+    middle = segments.mean(axis=1)
+    np.testing.assert_allclose(middle[0], result.model.origin[1], atol=1e-12)
+    turned = poses[3, 1] @ [*result.model.origin[2], 1.0]
+    np.testing.assert_allclose(middle[1], turned[:3], atol=1e-12)
+
+
+def test_projection_is_a_rotation_with_z_up() -> None:
+    R = project(np.eye(3), (35.0, 15.0))
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(R) == pytest.approx(1.0)
+    assert R[2, 0] == pytest.approx(0.0)
+    assert R[2, 1] > 0.9
+
+
+def test_joint_rows_have_units_and_say_what_is_not_known() -> None:
+    arm, tip = joint_rows(toy()[0])
+    assert (arm.range, arm.residual, arm.uncertainty) == ("-11.5 … 22.9°", "0.4 mm", "±0.11° ±0.3 mm")
+    assert arm.note == "prismatic +1.23e+03 χ²"
+    assert (tip.kind, tip.range, tip.note) == ("prismatic", "-3.00 … 6.00 cm", "not determined: moves within the noise")
+
+
+@pytest.mark.parametrize(
+    ("metres", "text"),
+    [(0.0, "0 mm"), (1e-12, "0 mm"), (0.00123, "1.23 mm"), (0.5, "50 cm"), (2.5, "2.5 m"), (float("nan"), "–")],
+)
+def test_lengths(metres: float, text: str) -> None:
+    assert length(metres) == text
+
+
+def test_a_result_is_strict_json() -> None:
+    text = json.dumps(jsonable(result_as_dict(toy()[0])), allow_nan=False)
+    joints = json.loads(text)["joints"]
+    assert joints[1]["origin_std"] is None
+    assert [j["part"] for j in joints] == ["arm", "tip"]
