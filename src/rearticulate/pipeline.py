@@ -24,6 +24,7 @@ from rearticulate.fit.relax import relax
 from rearticulate.fit.relaxed import Relaxed
 from rearticulate.io.check import check_sequence
 from rearticulate.io.stages import StageStore
+from rearticulate.parallel import side_by_side
 from rearticulate.records import FitResult, KinematicModel, Motion, PointSequence, StageTime
 
 Array = NDArray[np.float64]
@@ -86,10 +87,12 @@ def fit(
     labeller = Labeller(frames, config.label)
     clock("prepare", 1.0)
     solver = Solver(frames, labeller, config, seed, clock, store, fingerprint(sequence, config, seed))
-    starts = {c: solver.relaxed(c) for c in canonical_frames(F, canonical, config.canonical_tries)}
-    energies = {c: energy(frames, m.T, m.labels) for c, m in starts.items()}
-    promising = sorted(starts, key=lambda c: energies[c])[: config.canonical_fits]
-    fits = [solver.articulated(c, starts[c]) for c in promising]
+    silent = dataclasses.replace(solver, clock=Clock(None))
+    tried = canonical_frames(F, canonical, config.canonical_tries)
+    starts = side_by_side(solver.relaxed, silent.relaxed, tried)
+    energies = {c: energy(frames, m.T, m.labels) for c, m in zip(tried, starts, strict=True)}
+    promising = sorted(zip(tried, starts, strict=True), key=lambda s: energies[s[0]])[: config.canonical_fits]
+    fits = side_by_side(solver.articulated, silent.articulated, promising)
     best = min(fits, key=lambda t: t.energy)
     clock("finish", 0.0)
     result = to_result(sequence, chosen, frames, best, config, seed, energies)
@@ -139,7 +142,8 @@ class Solver:
         self.store.save(f"relaxed-{canonical}", self.mark, {"T": model.T, "labels": model.labels})
         return model
 
-    def articulated(self, canonical: int, relaxed: Relaxed) -> Candidate:
+    def articulated(self, start: tuple[int, Relaxed]) -> Candidate:
+        canonical, relaxed = start
         saved = self.store.load(f"articulated-{canonical}", self.mark)
         if saved is None:
             rng = np.random.default_rng([self.seed, canonical, 1])

@@ -107,11 +107,11 @@ def nearest_evidence(frames: Frames, T: Array, candidates: NDArray[np.bool_], ta
     return out
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True)
 def _sheet_support(x, y, weight, start, neighbour, thickness, curvature, tries):
     """For every point the largest weighted count of neighbours near a plane through it and two of them."""
     out = np.zeros(len(x))
-    for i in numba.prange(len(x)):
+    for i in range(len(x)):
         first, n = start[i], start[i + 1] - start[i]
         if n < 2:
             continue
@@ -174,10 +174,10 @@ def sheet_evidence(
     return out
 
 
-@numba.njit(cache=True, parallel=True, fastmath=True)
+@numba.njit(cache=True, nogil=True, fastmath=True)
 def _mean_field_sweep(unary, q, neighbour, weight, active, out):
     M, P = unary.shape
-    for i in numba.prange(M):
+    for i in range(M):
         if not active[i]:
             out[i] = q[i]
             continue

@@ -41,7 +41,7 @@ def geman_mcclure(squared: Array, sigma: float | Array) -> Array:
     return 1.0 / (1.0 + squared / (sigma * sigma)) ** 2
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def accumulate(y, z, normal, w_plane, w_point, body, H, g):
     """Add to H (B, 6, 6), g (B, 6): sum over points of w_plane (n . d)^2 + w_point |d|^2, d = y - z, w.r.t. a left twist."""
     J = np.empty(6)

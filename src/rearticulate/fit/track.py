@@ -90,7 +90,7 @@ def make_patches(points: Array, normals: Array, config: TrackConfig) -> Patches:
     )
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def edge_blocks(T, edge_i, edge_j, anchors, w, H, off, g):
     """Add sum_e w_e sum_k |T_i p_k - T_j p_k|^2 to the diagonal blocks H and to g; set the off-diagonal blocks (i, j).
 
@@ -125,7 +125,7 @@ def edge_blocks(T, edge_i, edge_j, anchors, w, H, off, g):
     return gap / anchors.shape[1]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _apply_blocks(D, x, out):
     for k in range(D.shape[0]):
         for u in range(6):
@@ -135,7 +135,7 @@ def _apply_blocks(D, x, out):
             out[k, u] = s
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def conjugate_gradient(H, H_inv, off, edge_i, edge_j, b, iterations, tolerance):
     """Solve the block graph system (diagonal H, off-diagonal blocks of the edges) x = b, block-Jacobi preconditioned."""
     x, r, z, q = np.zeros_like(b), b.copy(), np.zeros_like(b), np.zeros_like(b)

@@ -10,15 +10,16 @@ from scipy.spatial import cKDTree
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-THREADED = 6000  # starting threads costs more than it gains for fewer queries
-
 
 def nearest(tree: cKDTree, points: Array, k: int = 1, within: float = np.inf) -> tuple[Array, IntArray]:
-    """Distance and row of the k nearest points of the tree ((n,) for k = 1, else (n, k)); inf and tree.n beyond `within`."""
-    return tree.query(points, k=k, distance_upper_bound=within, workers=-1 if len(points) * k > THREADED else 1)
+    """Distance and row of the k nearest points of the tree ((n,) for k = 1, else (n, k)); inf and tree.n beyond `within`.
+
+    On one thread: whole fits run side by side, which uses the cores better.
+    """
+    return tree.query(points, k=k, distance_upper_bound=within)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _farthest(points, first, count):
     chosen = np.empty(count, dtype=np.int64)
     nearest = np.full(len(points), np.inf)
