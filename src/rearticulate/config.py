@@ -45,7 +45,7 @@ class ClusterConfig:
 class TrialConfig:
     """Trial merges and repairs of parts (`fit.trial`)."""
 
-    subset: int = 120  # points of a part that take part in a trial
+    subset: int = 90  # points of a part that take part in a trial
     gap: float = 4.0  # parts closer than this may be tried
     threshold_first: float = 0.03  # growth of the misfit below which two parts are one
     threshold: float = 0.045

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from rearticulate.config import FitConfig
 from rearticulate.errors import InputError
@@ -212,6 +212,6 @@ def all_labels(
         label[chosen[f]] = fitted
         rest = np.setdiff1d(np.arange(len(points)), chosen[f])
         if len(rest):
-            label[rest] = fitted[cKDTree(points[chosen[f]]).query(points[rest], workers=-1)[1]]
+            label[rest] = fitted[KDTree(points[chosen[f]]).query(points[rest], workers=-1)[1]]
         out.append(label)
     return tuple(out)

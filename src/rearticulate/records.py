@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from rearticulate.geometry.kinematics import forward_kinematics
 from rearticulate.geometry.se3 import transform
@@ -125,7 +125,7 @@ class KinematicModel:
     def part_of(self, points: Array) -> IntArray:
         """(M,) part of any point in the canonical frame, by a vote of the 3 nearest canonical points. points: (M, 3)."""
         k = min(3, len(self.points))
-        distance, index = cKDTree(self.points).query(np.asarray(points, dtype=np.float64), k=k)
+        distance, index = KDTree(self.points).query(np.asarray(points, dtype=np.float64), k=k)
         distance, index = distance.reshape(-1, k), index.reshape(-1, k)
         votes = np.zeros((len(distance), self.n_parts))
         np.add.at(votes, (np.arange(len(votes))[:, None], self.labels[index]), 1.0 / (distance + 1e-12))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from rearticulate.config import ClusterConfig
 from rearticulate.fit.track import Tracks
@@ -92,7 +92,7 @@ def moments(x: Array, y: Array, label: IntArray, K: int) -> Moments:
 
 def adjacent_labels(points: Array, label: IntArray, neighbours: int = 10) -> set[tuple[int, int]]:
     """Pairs of labels (a < b) that touch in the nearest-neighbour graph."""
-    _, j = nearest(cKDTree(points), points, k=min(neighbours, len(points)))
+    _, j = nearest(KDTree(points), points, k=min(neighbours, len(points)))
     a, b = np.repeat(label, j.shape[1] - 1), label[j[:, 1:]].ravel()
     pairs = np.unique(np.sort(np.stack([a, b], 1)[a != b], axis=1), axis=0)
     return {(int(p), int(q)) for p, q in pairs}

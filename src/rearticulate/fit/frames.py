@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from rearticulate.geometry.nearest import nearest
 
@@ -33,7 +33,7 @@ class Frames:
     normals: Array
     frame: IntArray
     start: IntArray
-    trees: tuple[cKDTree, ...]
+    trees: tuple[KDTree, ...]
     order: IntArray
     unit: float
     centre: Array
@@ -49,10 +49,10 @@ class Frames:
 
 def point_spacing(clouds: Sequence[Array]) -> float:
     """Median distance to the nearest other point, over all frames."""
-    return float(np.median(np.concatenate([nearest(cKDTree(p), p, k=2)[0][:, 1] for p in clouds])))
+    return float(np.median(np.concatenate([nearest(KDTree(p), p, k=2)[0][:, 1] for p in clouds])))
 
 
-def estimate_normals(points: Array, tree: cKDTree, neighbours: int = NORMAL_NEIGHBOURS) -> Array:
+def estimate_normals(points: Array, tree: KDTree, neighbours: int = NORMAL_NEIGHBOURS) -> Array:
     """(N, 3) unit normals of unknown sign: smallest principal direction of the nearest points."""
     _, near = nearest(tree, points, k=min(neighbours, tree.n))
     return smallest_direction(tree.data[near])
@@ -71,7 +71,7 @@ def make_frames(clouds: Sequence[Array], neighbours: int = NORMAL_NEIGHBOURS) ->
     orders = [np.argsort(np.linalg.norm(p - p.mean(axis=0), axis=1), kind="stable") for p in clouds]
     scaled = [(p[o] - centre) / unit for p, o in zip(clouds, orders, strict=True)]
     start = np.concatenate([[0], np.cumsum([len(p) for p in scaled])])
-    trees = tuple(cKDTree(p) for p in scaled)
+    trees = tuple(KDTree(p) for p in scaled)
     return Frames(
         points=np.concatenate(scaled),
         normals=np.concatenate([estimate_normals(p, t, neighbours) for p, t in zip(scaled, trees, strict=True)]),

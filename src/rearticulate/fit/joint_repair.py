@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from rearticulate.config import RepairConfig
 from rearticulate.fit.articulated import Articulated
@@ -92,7 +92,7 @@ class JointRepairer:
             mine, u = lonely[key]
             if len(u):
                 moved = transform(poses[c, self.labels[mine]], self.x[mine])
-                d = nearest(cKDTree(moved), u, within=self.config.reach)[0]
+                d = nearest(KDTree(moved), u, within=self.config.reach)[0]
                 out[c] = np.minimum(d, self.config.reach).sum() * self.config.backward_weight / max(len(mine), 20)
         return out
 
@@ -101,7 +101,7 @@ class JointRepairer:
         target = self.frames.trees[f].data
         if len(others) == 0:
             return target[:0]
-        far = nearest(cKDTree(others), target, within=self.config.unexplained)[0] > self.config.unexplained
+        far = nearest(KDTree(others), target, within=self.config.unexplained)[0] > self.config.unexplained
         u = target[far]
         return u[:: max(1, len(u) // self.config.max_unexplained)]
 

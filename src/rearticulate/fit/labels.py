@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from rearticulate.config import LabelConfig
 from rearticulate.fit.frames import Frames
@@ -79,7 +79,7 @@ def candidate_parts(frames: Frames, labels: IntArray, P: int, radius: float) -> 
     for f in range(frames.n_frames):
         rows, tree = frames.rows(f), frames.trees[f]
         for p in np.unique(labels[rows]):
-            d, _ = nearest(cKDTree(tree.data[labels[rows] == p]), tree.data, within=radius)
+            d, _ = nearest(KDTree(tree.data[labels[rows] == p]), tree.data, within=radius)
             out[rows, p] = np.isfinite(d)
     return out
 
@@ -162,7 +162,7 @@ def sheet_evidence(
     if len(asked) == 0:
         return out
     k = min(config.sheet_neighbours, len(z))
-    d, j = nearest(cKDTree(keyed), keyed[asked], k=k, within=config.sheet_radius)
+    d, j = nearest(KDTree(keyed), keyed[asked], k=k, within=config.sheet_radius)
     frame = frames.frame[point]
     valid = np.isfinite(d)
     valid[valid] = frame[j[valid]] != np.broadcast_to(frame[asked][:, None], j.shape)[valid]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from rearticulate.config import ProjectConfig
 from rearticulate.fit.articulated import Articulated
@@ -107,7 +107,7 @@ def part_gaps(evidence: Evidence, P: int, rng: np.random.Generator, sample: int 
     """(P, P) mean over the frames of the smallest distances between two parts (mean of three)."""
     z = [evidence.fused.z[evidence.fused.labels == p] for p in range(P)]
     z = [x if len(x) <= sample else rng.choice(x, sample, replace=False) for x in z]
-    trees = [cKDTree(x) for x in z]
+    trees = [KDTree(x) for x in z]
     T = evidence.T
     gap = np.zeros((P, P))
     for p in range(P):
@@ -122,7 +122,7 @@ def part_gaps(evidence: Evidence, P: int, rng: np.random.Generator, sample: int 
 def contact_point(evidence: Evidence, a: int, b: int, n: int = 40) -> Array:
     """(3,) middle of the nearest fused points of two parts."""
     za, zb = (evidence.fused.z[evidence.fused.labels == p] for p in (a, b))
-    d, j = nearest(cKDTree(zb), za)
+    d, j = nearest(KDTree(zb), za)
     near = np.argsort(d, kind="stable")[:n]
     return (za[near] + zb[j[near]]).mean(axis=0) / 2
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import exp_se3, rotate, transform
@@ -19,6 +19,7 @@ from rearticulate.geometry.se3 import exp_se3, rotate, transform
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+SETTLED = 3e-3  # a body whose step is smaller, in the second half of the schedule, is done
 TWIST_DAMPING = np.array([1e-3] * 3 + [1e-5] * 3)
 
 
@@ -97,13 +98,15 @@ def solve_twists(H: Array, g: Array) -> Array:
 
 
 def register_bodies(
-    tree: cKDTree, target_normals: Array, points: Array, normals: Array, body: IntArray, T: Array, schedule: Schedule
+    tree: KDTree, target_normals: Array, points: Array, normals: Array, body: IntArray, T: Array, schedule: Schedule
 ) -> Array:
     """Refine T_target_body (B, 4, 4) so that the bodies' points (n, 3) lie on the target cloud; bodies are independent."""
     T = T.copy()
+    active = np.ones(len(T), dtype=bool)
     for i in range(schedule.iterations):
-        sigma = schedule.scale(i)
-        y, ny = transform(T[body], points), rotate(T[body], normals)
+        rows = np.flatnonzero(active[body])
+        sigma, part = schedule.scale(i), body[rows]
+        y, ny = transform(T[part], points[rows]), rotate(T[part], normals[rows])
         d, j = nearest(tree, y, within=schedule.max_distance)
         found = np.isfinite(d)
         j = np.where(found, j, 0)
@@ -112,14 +115,16 @@ def register_bodies(
         r = np.einsum("ij,ij->i", y - z, nz)
         d = np.where(found, d, 0.0)
         w = geman_mcclure(r * r + 0.1 * d * d, sigma) * np.where(agreement > 0.4, agreement, 0.05) * found
-        step = solve_twists(*normal_equations(y, z, nz, w, schedule.point_share * w, body, len(T)))
-        T = exp_se3(step) @ T
-        if np.abs(step).max() < 1e-4:
-            break
+        step = solve_twists(*normal_equations(y, z, nz, w, schedule.point_share * w, part, len(T)))
+        T[active] = exp_se3(step[active]) @ T[active]
+        if 2 * i >= schedule.iterations:
+            active &= np.abs(step).max(axis=1) > SETTLED
+            if not active.any():
+                break
     return T
 
 
-def fit_cost(tree: cKDTree, target_normals: Array, y: Array, ny: Array) -> Array:
+def fit_cost(tree: KDTree, target_normals: Array, y: Array, ny: Array) -> Array:
     """(n,) robust misfit of moved points y with normals ny to a cloud: distance, plane distance and normal, each capped."""
     d, j = nearest(tree, y)
     r = np.abs(np.einsum("ij,ij->i", y - tree.data[j], target_normals[j]))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from rearticulate.fit.frames import Frames, smallest_direction
 from rearticulate.fit.register import Schedule, geman_mcclure, normal_equations, register_bodies, solve_twists
@@ -52,7 +52,7 @@ def spread_labels(frames: Frames, canonical: int, T: Array, labels: IntArray) ->
     out = np.empty(len(frames.points), dtype=np.int64)
     for f in range(frames.n_frames):
         moved = transform(T[f, labels], frames.points[rows])
-        out[frames.rows(f)] = labels[nearest(cKDTree(moved), frames.points[frames.rows(f)])[1]]
+        out[frames.rows(f)] = labels[nearest(KDTree(moved), frames.points[frames.rows(f)])[1]]
     out[rows] = labels
     return out
 
@@ -70,7 +70,7 @@ def keep_parts(frames: Frames, model: Relaxed, keep: IntArray) -> Relaxed:
             if len(kept) == 0:
                 labels[rows] = 0
                 continue
-            labels[rows] = np.where(lost, kept[nearest(cKDTree(points[~lost]), points)[1]], labels[rows])
+            labels[rows] = np.where(lost, kept[nearest(KDTree(points[~lost]), points)[1]], labels[rows])
     return Relaxed(model.T[:, keep], labels)
 
 
@@ -92,7 +92,7 @@ class Fused:
     normals: Array
     labels: IntArray
     frame: IntArray
-    tree: cKDTree
+    tree: KDTree
 
     def nearest_of_other_frames(self, y: Array, label: IntArray, frame: IntArray, k: int = 6) -> tuple[Array, IntArray]:
         """Distance and row of the nearest fused point of the same part that comes from another frame (inf if none)."""
@@ -107,7 +107,7 @@ def fuse(frames: Frames, T: Array, labels: IntArray, neighbours: int = 16) -> Fu
     """Bring all points to the canonical frame; normals from the dense fused cloud of each part."""
     z = to_canonical(frames, T, labels)
     keyed = np.column_stack([z, APART * labels])
-    tree = cKDTree(keyed)
+    tree = KDTree(keyed)
     d, j = nearest(tree, keyed, k=min(neighbours, len(z)))
     j = np.where(d < APART / 2, j, j[:, :1])
     return Fused(z, smallest_direction(z[j]), labels, frames.frame, tree)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from rearticulate.config import RepairConfig
 from rearticulate.fit.frames import Frames
@@ -42,7 +42,7 @@ def about(R: Array, pivot: Array) -> Array:
 
 def border_neighbours(x: Array, labels: IntArray, P: int, n: int) -> list[list[int]]:
     """For every part the n parts that share most of its border."""
-    j = nearest(cKDTree(x), x, k=min(10, len(x)))[1]
+    j = nearest(KDTree(x), x, k=min(10, len(x)))[1]
     shared = np.zeros((P, P))
     np.add.at(shared, (np.repeat(labels, j.shape[1] - 1), labels[j[:, 1:]].ravel()), 1)
     np.fill_diagonal(shared, 0)
@@ -69,7 +69,7 @@ class Repairer:
 
     def _contact(self, a: int, b: int, n: int = 10) -> Array:
         xa, xb = self.trials.x[self.labels == a], self.trials.x[self.labels == b]
-        d, j = nearest(cKDTree(xb), xa)
+        d, j = nearest(KDTree(xb), xa)
         near = np.argsort(d, kind="stable")[:n]
         return (xa[near] + xb[j[near]]).mean(axis=0) / 2
 
@@ -77,7 +77,7 @@ class Repairer:
         """Per part the points of frame f that no other part reaches."""
         y = transform(self.T[f, self.labels], self.trials.x)
         target = self.frames.points[self.frames.rows(f)]
-        d, j = nearest(cKDTree(y), target, k=8)
+        d, j = nearest(KDTree(y), target, k=8)
         owner = self.labels[j]
         out = {}
         for p in self.parts:
@@ -91,7 +91,7 @@ class Repairer:
         """(S,) capped distance from unexplained points to part p under poses T (S, 4, 4), summed, a point of the part."""
         if len(points) == 0:
             return np.zeros(len(T))
-        tree = cKDTree(self.trials.x[self.labels == p])
+        tree = KDTree(self.trials.x[self.labels == p])
         back = transform(inverse(T)[:, None], points[None])
         d = nearest(tree, back.reshape(-1, 3), within=self.config.reach)[0].reshape(len(T), -1)
         return np.minimum(d, self.config.reach).sum(axis=1) * self.config.backward_weight / max(tree.n, 20)

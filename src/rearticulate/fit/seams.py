@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from rearticulate.config import LabelConfig, SeamConfig
 from rearticulate.fit.articulated import Articulated
@@ -46,7 +46,7 @@ def link_candidates(tree: Articulated, labels: IntArray, z: Array, candidates: N
             za, zb = z[labels == above], z[labels == below]
             if v == 0 or len(za) == 0 or len(zb) == 0:
                 continue
-            d, j = nearest(cKDTree(za), zb)
+            d, j = nearest(KDTree(za), zb)
             near = np.argsort(d, kind="stable")[:40]
             contact = (zb[near] + za[j[near]]).mean(axis=0) / 2
             out[:, v] |= (np.linalg.norm(z - contact, axis=1) < config.link_reach) & np.isin(labels, [above, below])
@@ -74,6 +74,7 @@ def cut_seams(
     z = to_canonical(frames, T, labels)
     candidates = candidate_parts(frames, labels, tree.n_parts, config.zone)
     candidates = link_candidates(tree, labels, z, candidates, config, frames.n_frames)
+    candidates &= np.isin(np.arange(tree.n_parts), np.concatenate([joints, tree.parent[joints]]))
     U = sheet_evidence(frames, T, candidates, None, label_config, label_config.sheet_thickness)
     labels = labels.copy()
     limit = config.sacrifice * np.sqrt((frames.n_frames - 1) / 9)
@@ -87,13 +88,11 @@ def cut_seams(
 
 def _cut(z: Array, labels: IntArray, favour: Array, j: int, p: int, axis: Array, limit: float, config: SeamConfig) -> IntArray:
     """Labels of one border zone, cut if that gives up little evidence. favour: evidence for j over p."""
-    near = nearest(cKDTree(z), z, k=min(config.neighbours, len(z)))[1]
+    near = nearest(KDTree(z), z, k=min(config.neighbours, len(z)))[1]
     favour = favour[near].mean(axis=1)
     along = z @ axis
     place, side = best_cut(along, favour, config.slack * np.sqrt(len(z)))
     new = np.where(side * (along - place) > 0, j, p)
     changed = new != labels
     lost = (favour * np.where(new == j, -1, 1))[changed].sum()
-    if DEBUG: print('   seam',j,p,len(z),'changed',changed.sum(),'lost %.2f'%(lost/max(changed.sum(),1)))
     return new if lost < limit * changed.sum() else labels
-DEBUG=0

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from rearticulate.config import TrackConfig
 from rearticulate.fit.frames import Frames
@@ -62,9 +62,9 @@ def make_patches(points: Array, normals: Array, config: TrackConfig) -> Patches:
     """Patches around farthest-point nodes; every point belongs to at least one."""
     count = int(np.clip(len(points) / config.points_per_node, config.min_nodes, config.max_nodes))
     nodes = points[farthest_points(points, min(count, len(points) // 4))]
-    K, tree = len(nodes), cKDTree(points)
+    K, tree = len(nodes), KDTree(points)
     size = min(config.patch_size, len(points))
-    owner = nearest(cKDTree(nodes), points)[1]
+    owner = nearest(KDTree(nodes), points)[1]
     member = nearest(tree, nodes, k=size)[1].ravel()
     patch = np.repeat(np.arange(K), size)
     missing = np.setdiff1d(np.arange(len(points)), member)
@@ -72,7 +72,7 @@ def make_patches(points: Array, normals: Array, config: TrackConfig) -> Patches:
     order = np.argsort(patch, kind="stable")
     member, patch = member[order], patch[order]
     k = min(config.edges_per_node, K - 1)
-    neighbour = nearest(cKDTree(nodes), nodes, k=k + 1)[1][:, 1:]
+    neighbour = nearest(KDTree(nodes), nodes, k=k + 1)[1][:, 1:]
     edges = np.unique(np.sort(np.stack([np.repeat(np.arange(K), k), neighbour.ravel()], 1), axis=1), axis=0)
     a, b = nodes[edges[:, 0]], nodes[edges[:, 1]]
     corner = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
@@ -163,7 +163,7 @@ def conjugate_gradient(H, H_inv, off, edge_i, edge_j, b, iterations, tolerance):
     return x
 
 
-def _match_forward(patches: Patches, T: Array, tree: cKDTree, target_normals: Array, sigma: float, share: float):
+def _match_forward(patches: Patches, T: Array, tree: KDTree, target_normals: Array, sigma: float, share: float):
     """Normal equations of patch points to their nearest target points."""
     y = transform(T[patches.patch], patches.points[patches.member])
     ny = rotate(T[patches.patch], patches.normals[patches.member])
@@ -175,11 +175,11 @@ def _match_forward(patches: Patches, T: Array, tree: cKDTree, target_normals: Ar
     return normal_equations(y, z, nz, w, share * w, patches.patch, patches.count)
 
 
-def _match_backward(patches: Patches, T: Array, tree: cKDTree, target_normals: Array, sigma: float):
+def _match_backward(patches: Patches, T: Array, tree: KDTree, target_normals: Array, sigma: float):
     """Normal equations of target points to their nearest patch points: what is observed must be explained."""
     y = transform(T[patches.owner], patches.points)
     ny = rotate(T[patches.owner], patches.normals)
-    d, j = nearest(cKDTree(y, balanced_tree=False, compact_nodes=False), tree.data)
+    d, j = nearest(KDTree(y, balanced_tree=False, compact_nodes=False), tree.data)
     agreement = np.abs(np.einsum("ij,ij->i", ny[j], target_normals))
     w = geman_mcclure(d * d, 1.5 * sigma) * np.maximum(agreement, 0.1) * 0.64 * patches.count / tree.n
     return normal_equations(y[j], tree.data, target_normals, w, 0.5 * w, patches.owner[j], patches.count)
@@ -210,7 +210,7 @@ def register_patches(
 def _two_sided_cost(frames: Frames, patches: Patches, T: Array, f: int) -> float:
     y = transform(T[patches.owner], patches.points)
     tree = frames.trees[f]
-    there, back = nearest(tree, y)[0], nearest(cKDTree(y), tree.data)[0]
+    there, back = nearest(tree, y)[0], nearest(KDTree(y), tree.data)[0]
     return float(np.minimum(there, 4).mean() + np.minimum(back, 4).mean())
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from rearticulate.config import TrialConfig
 from rearticulate.fit.cluster import adjacent_labels
@@ -102,7 +102,7 @@ def try_pairs(
 def _candidates(trials: Trials, labels: IntArray, parts: list[int], gap: float) -> set[Pair]:
     """Pairs of parts that touch in the neighbour graph or across a gap."""
     pairs = {e for e in adjacent_labels(trials.x, labels) if e[0] in parts and e[1] in parts}
-    trees = {p: cKDTree(trials.x[labels == p]) for p in parts}
+    trees = {p: KDTree(trials.x[labels == p]) for p in parts}
     for i, p in enumerate(parts):
         for q in parts[i + 1 :]:
             if (p, q) not in pairs and nearest(trees[p], trees[q].data, within=gap)[0].min() < gap:

@@ -5,18 +5,18 @@ from __future__ import annotations
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-def nearest(tree: cKDTree, points: Array, k: int = 1, within: float = np.inf) -> tuple[Array, IntArray]:
-    """Distance and row of the k nearest points of the tree ((n,) for k = 1, else (n, k)); inf and tree.n beyond `within`.
+def nearest(tree: KDTree, points: Array, k: int = 1, within: float = np.inf) -> tuple[Array, IntArray]:
+    """Distance and row of the k nearest points ((n,) for k = 1, else (n, k)); inf and the cloud's size beyond `within`.
 
     On one thread: whole fits run side by side, which uses the cores better.
     """
-    return tree.query(points, k=k, distance_upper_bound=within)
+    return tree.query(points, k=k, distance_upper_bound=within)  # type: ignore[return-value]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -31,8 +31,7 @@ def _farthest(points, first, count):
             d = 0.0
             for a in range(3):
                 d += (points[i, a] - points[j, a]) ** 2
-            if d < nearest[i]:
-                nearest[i] = d
+            nearest[i] = min(nearest[i], d)
             if nearest[i] > best_d:
                 best, best_d = i, nearest[i]
         j = best
