@@ -170,14 +170,14 @@ def preset(name: str) -> FitConfig:
 
 
 def load_config(path: str | Path, base: FitConfig | None = None) -> FitConfig:
-    """`base` with the values of a JSON file (nested as the dataclasses are). Unknown keys raise InputError."""
+    """`base` with the values of a JSON file, nested as the dataclasses are. Unknown keys raise InputError."""
     path = Path(path)
     try:
         values = json.loads(path.read_text())
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     except ValueError as error:
-        raise InputError(f"{path}: is not JSON ({error})") from None
+        raise InputError(f"{path}: is not valid JSON ({error})") from None
     return _override(base or FitConfig(), values, str(path))
 
 

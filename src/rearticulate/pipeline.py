@@ -25,10 +25,10 @@ from rearticulate.fit.relaxed import Relaxed
 from rearticulate.io.check import check_sequence
 from rearticulate.io.stages import StageStore
 from rearticulate.parallel import side_by_side
-from rearticulate.records import FitResult, KinematicModel, Motion, PointSequence, StageTime
+from rearticulate.records import FitResult, JointType, KinematicModel, Motion, PointSequence, StageTime
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 Progress = Callable[[str, float], None]
 
 
@@ -173,12 +173,13 @@ def to_result(
     T_root = tree.T_root.copy()
     T_root[:, :3, 3] = unit * T_root[:, :3, 3] + centre - T_root[:, :3, :3] @ centre
     labels = all_labels(sequence, chosen, frames, T, best.labels, c)
-    kinds = tuple("floating" if j == 0 else "revolute" if r else "prismatic" for j, r in enumerate(tree.revolute))
+    kinds: list[JointType] = ["revolute" if turning else "prismatic" for turning in tree.revolute]
+    kinds[0] = "floating"
     axis = np.where(tree.revolute[:, None], tree.twist[:, :3], tree.twist[:, 3:])
     model = KinematicModel(
         canonical=c,
         parent=tree.parent,
-        joint_type=kinds,
+        joint_type=tuple(kinds),
         axis=axis,
         origin=np.where(np.arange(tree.n_parts)[:, None] == 0, 0.0, origins * unit + centre),
         limits=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),

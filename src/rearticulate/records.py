@@ -16,8 +16,8 @@ from scipy.spatial import KDTree
 from rearticulate.geometry.kinematics import forward_kinematics
 from rearticulate.geometry.se3 import transform
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 JointType = Literal["floating", "fixed", "revolute", "prismatic"]
 
 
@@ -123,7 +123,7 @@ class KinematicModel:
         return transform(self.forward(q, T_world_root)[self.labels], self.points)
 
     def part_of(self, points: Array) -> IntArray:
-        """(M,) part of any point in the canonical frame, by a vote of the 3 nearest canonical points. points: (M, 3)."""
+        """(M,) part of any point in the canonical frame, by a vote of 3 canonical points. points: (M, 3)."""
         k = min(3, len(self.points))
         distance, index = KDTree(self.points).query(np.asarray(points, dtype=np.float64), k=k)
         distance, index = distance.reshape(-1, k), index.reshape(-1, k)

@@ -19,8 +19,8 @@ from rearticulate.fit.repair import repair_poses
 from rearticulate.fit.seams import cut_seams
 from rearticulate.fit.trial import trial_merge
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 LOOKS = 3
 SIGMA_WIDE, SIGMA = 1.5, 0.56

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from rearticulate.geometry.kinematics import forward_kinematics, joint_jacobian, screw_jacobian
 from rearticulate.geometry.se3 import adjoint, exp_se3
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 # Levenberg damping of the directions the data may leave free, in spacings: joint values, root pose, screws.
 DAMP_Q, DAMP_ROOT, DAMP_SCREW = 3.5, np.array([3.5] * 3 + [1e-2] * 3), np.array([350.0] * 3 + [1.0] * 3)
@@ -82,7 +82,9 @@ def gauss_newton_step(model: Articulated, canonical: int, H: Array, g: Array, da
     P = model.n_parts
     A, b, moving = reduced_system(model, canonical, H, g)
     per_joint = np.where(model.revolute[1:], DAMP_Q, 1e-4)
-    diagonal = np.concatenate([np.tile(np.concatenate([per_joint, DAMP_ROOT]), len(moving)), np.tile(DAMP_SCREW, P - 1)])
+    diagonal = np.concatenate(
+        [np.tile(np.concatenate([per_joint, DAMP_ROOT]), len(moving)), np.tile(DAMP_SCREW, P - 1)]
+    )
     step = -np.linalg.solve(A + damping * np.diag(diagonal), b)
     return apply_step(model, step, moving)
 

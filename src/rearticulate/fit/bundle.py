@@ -12,8 +12,8 @@ from rearticulate.fit.relaxed import CONVERGED, fuse, fused_equations
 from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import rotate, transform
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 
 INNER = 4

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from rearticulate.fit.articulated import MAX_STEP, normalise_twists
 from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, log_se3, log_so3
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from rearticulate.fit.track import Tracks
 from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import transform
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 
 @dataclass

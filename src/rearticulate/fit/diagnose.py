@@ -9,12 +9,12 @@ from rearticulate.config import ProjectConfig
 from rearticulate.fit.articulated import Articulated, reduced_system
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.project import Evidence, contact_point, fit_joints, gather_evidence
-from rearticulate.fit.relaxed import Relaxed
+from rearticulate.fit.relaxed import Relaxed, register_to_fused
 from rearticulate.geometry.se3 import hat
 from rearticulate.records import JointDiagnostics
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 MIN_TURN = 3.0  # a range below this many standard deviations of q is within the noise
 MAX_AXIS_STD = np.deg2rad(15.0)
@@ -67,8 +67,12 @@ def parameter_deviation(tree: Articulated, evidence: Evidence, origins: Array) -
 def diagnose(
     frames: Frames, canonical: int, tree: Articulated, labels: IntArray, config: ProjectConfig
 ) -> tuple[list[JointDiagnostics], Array]:
-    """One record a part, lengths in metres, and the joint origins (P, 3) in spacings."""
-    evidence = gather_evidence(frames, canonical, Relaxed(tree.forward(), labels), config)
+    """One record a part, lengths in metres, and the joint origins (P, 3) in spacings.
+
+    The residual compares the joint with the motions the two parts have when they are registered freely.
+    """
+    free = register_to_fused(frames, canonical, Relaxed(tree.forward(), labels))
+    evidence = gather_evidence(frames, canonical, free, config)
     origins = joint_origins(tree, evidence)
     P = tree.n_parts
     empty = JointDiagnostics(0.0, 0.0, 0.0, 0.0, "", 0.0, True)
@@ -85,7 +89,7 @@ def diagnose(
 
 
 def _support(evidence: Evidence, j: int, parent: int, config: ProjectConfig) -> tuple[float, float]:
-    """Misfit (spacings, rms) of the best single joint to the relative motion, and the extra chi-square of the other type."""
+    """Misfit (spacings, rms) of the best single joint to the relative motion, and what the other type costs more."""
     pair = fit_joints(evidence, np.array([j]), np.array([parent]), config)
     return float(evidence.rms(pair.cost, pair.W)[0]), float((pair.other_cost - pair.cost)[0] / evidence.sigma**2)
 

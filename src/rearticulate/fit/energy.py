@@ -1,4 +1,4 @@
-"""The label-free energy of a fit: how badly each frame's points, carried by their own part, land on the other frames."""
+"""The label-free energy of a fit: how badly the points, carried by their own part, land on the other frames."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from rearticulate.fit.labels import evidence_frames
 from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import inverse, transform
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 PER_JOINT = 0.002  # what a joint must earn: an empty joint must not win by chance
 

@@ -15,8 +15,8 @@ from scipy.spatial import KDTree
 
 from rearticulate.geometry.nearest import nearest
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 NORMAL_NEIGHBOURS = 16
 

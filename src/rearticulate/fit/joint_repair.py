@@ -21,8 +21,8 @@ from rearticulate.geometry.kinematics import forward_kinematics, joint_jacobian
 from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import rotate, transform
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 JOINT_SCHEDULE = Schedule(iterations=12, sigma=3.7, sigma_end=0.56)
 
@@ -47,7 +47,13 @@ class Branch:
 
 class JointRepairer:
     def __init__(
-        self, frames: Frames, canonical: int, model: Articulated, labels: IntArray, config: RepairConfig, rng: np.random.Generator
+        self,
+        frames: Frames,
+        canonical: int,
+        model: Articulated,
+        labels: IntArray,
+        config: RepairConfig,
+        rng: np.random.Generator,
     ):
         rows = frames.rows(canonical)
         self.frames, self.canonical, self.model, self.config, self.rng = frames, canonical, model, config, rng
@@ -83,7 +89,7 @@ class JointRepairer:
         now = transform(self._forward(f, self.q[f])[self.labels], self.x)
         poses = self._forward(f, q)
         out = np.zeros(len(q))
-        lonely: dict[bytes, tuple[Array, Array]] = {}
+        lonely: dict[bytes, tuple[IntArray, Array]] = {}
         for c, members in enumerate(parts):
             key = members.tobytes()
             if key not in lonely:

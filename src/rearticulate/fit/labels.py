@@ -21,8 +21,8 @@ from rearticulate.fit.relaxed import APART, Relaxed, drop_small
 from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import inverse, transform
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 IMPOSSIBLE = 1e3  # unary cost of a part that is no candidate
 
@@ -40,9 +40,9 @@ class Graph:
         )
 
 
-def evidence_frames(F: int, limit: int) -> IntArray:
+def evidence_frames(F: int, limit: int) -> list[int]:
     """At most `limit` frames, evenly spread: the ones every point is tested against."""
-    return np.unique(np.linspace(0, F - 1, min(F, limit)).round().astype(np.int64))
+    return [int(f) for f in np.linspace(0, F - 1, min(F, limit)).round()]
 
 
 def spatial_graph(frames: Frames, k: int, scale: float, offset_scale: float) -> Graph:
@@ -54,13 +54,15 @@ def spatial_graph(frames: Frames, k: int, scale: float, offset_scale: float) -> 
         d, j = nearest(tree, tree.data, k=k + 1)
         d, j = d[:, 1:], j[:, 1:]
         gap = tree.data[j] - tree.data[:, None]
-        offset = np.maximum(np.abs(np.einsum("nki,ni->nk", gap, normals)), np.abs(np.einsum("nki,nki->nk", gap, normals[j])))
+        offset = np.maximum(
+            np.abs(np.einsum("nki,ni->nk", gap, normals)), np.abs(np.einsum("nki,nki->nk", gap, normals[j]))
+        )
         neighbour.append(j + frames.start[f])
         weight.append(np.exp(-((d / scale) ** 2) - (offset / offset_scale) ** 2))
     return Graph(np.concatenate(neighbour), np.concatenate(weight))
 
 
-def temporal_graph(frames: Frames, T: Array, labels: IntArray, targets: IntArray, scale: float) -> Graph:
+def temporal_graph(frames: Frames, T: Array, labels: IntArray, targets: list[int], scale: float) -> Graph:
     """The nearest point of every target frame under the current label; weight 0 within the own frame."""
     z = transform(inverse(T)[frames.frame, labels], frames.points)
     neighbour = np.zeros((len(z), len(targets)), dtype=np.int64)
@@ -87,10 +89,11 @@ def candidate_parts(frames: Frames, labels: IntArray, P: int, radius: float) -> 
 def _doubtful(candidates: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
     """(point, part) for every candidate of the points that have more than one."""
     several = candidates.sum(axis=1) > 1
-    return np.nonzero(candidates & several[:, None])
+    point, part = np.nonzero(candidates & several[:, None])
+    return point, part
 
 
-def nearest_evidence(frames: Frames, T: Array, candidates: NDArray[np.bool_], targets: IntArray) -> Array:
+def nearest_evidence(frames: Frames, T: Array, candidates: NDArray[np.bool_], targets: list[int]) -> Array:
     """(M, P) mean misfit of a point to the target frames under each candidate part; IMPOSSIBLE elsewhere."""
     point, part = _doubtful(candidates)
     z = transform(inverse(T)[frames.frame[point], part], frames.points[point])

@@ -23,8 +23,8 @@ from rearticulate.fit.relaxed import Fused, Relaxed, fuse, fused_equations, keep
 from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 INFORMATION_SIGMA = 0.56
 
@@ -58,7 +58,9 @@ def plane_noise(frames: Frames, canonical: int, model: Relaxed, floor: float) ->
         if 0 <= f < frames.n_frames:
             y = transform(model.T[f, labels], frames.points[rows])
             j = nearest(frames.trees[f], y)[1]
-            residuals.append(np.abs(np.einsum("ij,ij->i", y - frames.trees[f].data[j], frames.normals[frames.rows(f)][j])))
+            residuals.append(
+                np.abs(np.einsum("ij,ij->i", y - frames.trees[f].data[j], frames.normals[frames.rows(f)][j]))
+            )
     return max(1.48 * float(np.median(np.concatenate(residuals))), floor)
 
 
@@ -298,7 +300,9 @@ def _assemble(links: list[Link], T_root: Array, root: int, P: int, labels: IntAr
     for link in links:
         by_parent.setdefault(link.parent, []).append(link)
     number, queue, F = np.full(P, -1), [root], len(T_root)
-    parent, twist, revolute, q = [-1], [np.zeros(6)], [True], [np.zeros(F)]
+    parent, revolute = [-1], [True]
+    twist: list[Array] = [np.zeros(6)]
+    q: list[Array] = [np.zeros(F)]
     number[root] = 0
     while queue:
         for link in sorted(by_parent.get(queue[0], []), key=lambda k: k.child):
@@ -309,7 +313,9 @@ def _assemble(links: list[Link], T_root: Array, root: int, P: int, labels: IntAr
             q.append(link.q)
             queue.append(link.child)
         queue.pop(0)
-    return Articulated(np.array(parent), np.array(twist), np.array(revolute), np.stack(q, axis=1), T_root.copy()), number
+    return Articulated(
+        np.array(parent), np.array(twist), np.array(revolute), np.stack(q, axis=1), T_root.copy()
+    ), number
 
 
 def link_motion(tree: Articulated, j: int) -> Array:

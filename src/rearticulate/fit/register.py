@@ -16,8 +16,8 @@ from scipy.spatial import KDTree
 from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import exp_se3, rotate, transform
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 SETTLED = 3e-3  # a body whose step is smaller, in the second half of the schedule, is done
 TWIST_DAMPING = np.array([1e-3] * 3 + [1e-5] * 3)
@@ -44,7 +44,7 @@ def geman_mcclure(squared: Array, sigma: float | Array) -> Array:
 
 @numba.njit(cache=True, nogil=True)
 def accumulate(y, z, normal, w_plane, w_point, body, H, g):
-    """Add to H (B, 6, 6), g (B, 6): sum over points of w_plane (n . d)^2 + w_point |d|^2, d = y - z, w.r.t. a left twist."""
+    """Add sum w_plane (n . d)^2 + w_point |d|^2, d = y - z, over left twists to H (B, 6, 6) (upper half), g (B, 6)."""
     J = np.empty(6)
     for i in range(len(y)):
         b = body[i]
@@ -100,7 +100,7 @@ def solve_twists(H: Array, g: Array) -> Array:
 def register_bodies(
     tree: KDTree, target_normals: Array, points: Array, normals: Array, body: IntArray, T: Array, schedule: Schedule
 ) -> Array:
-    """Refine T_target_body (B, 4, 4) so that the bodies' points (n, 3) lie on the target cloud; bodies are independent."""
+    """Refine T_target_body (B, 4, 4) so that each body's points (n, 3) lie on the target cloud, each on its own."""
     T = T.copy()
     active = np.ones(len(T), dtype=bool)
     for i in range(schedule.iterations):
@@ -125,7 +125,7 @@ def register_bodies(
 
 
 def fit_cost(tree: KDTree, target_normals: Array, y: Array, ny: Array) -> Array:
-    """(n,) robust misfit of moved points y with normals ny to a cloud: distance, plane distance and normal, each capped."""
+    """(n,) misfit of moved points y with normals ny to a cloud: distance, plane distance and normal, each capped."""
     d, j = nearest(tree, y)
     r = np.abs(np.einsum("ij,ij->i", y - tree.data[j], target_normals[j]))
     c = 1 - np.abs(np.einsum("ij,ij->i", ny, target_normals[j]))

@@ -20,7 +20,7 @@ from rearticulate.fit.track import track
 from rearticulate.fit.trial import Trials, trial_merge
 from rearticulate.geometry.nearest import nearest
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 WIDE = Schedule(iterations=8, sigma=1.5, sigma_end=0.56, point_share=0.05, max_distance=5.6)
 NARROW = Schedule(iterations=8, sigma=0.93, sigma_end=0.37, point_share=0.05, max_distance=5.6)

@@ -13,8 +13,8 @@ from rearticulate.fit.register import Schedule, geman_mcclure, normal_equations,
 from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, transform
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 CONVERGED = 5e-3  # a step that moves less than this many spacings is the last
 APART = 1e4  # distance between the clouds of different parts in the 4D tree of `Fused`
@@ -22,7 +22,7 @@ APART = 1e4  # distance between the clouds of different parts in the 4D tree of 
 
 @dataclass(frozen=True)
 class Relaxed:
-    """T (F, P, 4, 4): T_frame_canonical of every part, identity at the canonical frame. labels (M,): part of each point."""
+    """T (F, P, 4, 4): T_frame_canonical of each part, identity at the canonical frame. labels (M,): part of a point."""
 
     T: Array
     labels: IntArray
@@ -149,9 +149,7 @@ def fused_equations(
     return (A_t @ H @ A).reshape(F, P, 6, 6), -(A_t @ g[..., None])[..., 0].reshape(F, P, 6)
 
 
-def register_to_fused(
-    frames: Frames, canonical: int, model: Relaxed, sigma: float = 0.56, inner: int = 5
-) -> Relaxed:
+def register_to_fused(frames: Frames, canonical: int, model: Relaxed, sigma: float = 0.56, inner: int = 5) -> Relaxed:
     """Register every frame's points of a part to the dense cloud of that part made of the other frames."""
     fused = fuse(frames, model.T, model.labels)
     T = model.T.copy()

@@ -18,8 +18,8 @@ from rearticulate.fit.trial import Trials, flatten, mean_by
 from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 RESTART_SCHEDULE = Schedule(iterations=6, sigma=2.2, sigma_end=0.56)
 
@@ -88,7 +88,7 @@ class Repairer:
         return out
 
     def backward(self, p: int, T: Array, points: Array) -> Array:
-        """(S,) capped distance from unexplained points to part p under poses T (S, 4, 4), summed, a point of the part."""
+        """(S,) capped distances of unexplained points to part p under poses T (S, 4, 4), summed, per part point."""
         if len(points) == 0:
             return np.zeros(len(T))
         tree = KDTree(self.trials.x[self.labels == p])
@@ -97,7 +97,7 @@ class Repairer:
         return np.minimum(d, self.config.reach).sum(axis=1) * self.config.backward_weight / max(tree.n, 20)
 
     def starts(self, f: int, u: int, p: int, extra: list[Array]) -> list[Array]:
-        """Own pose, velocity, what the neighbours do, other trajectories. u: the frame before, seen from the canonical one."""
+        """Own pose, velocity, what the neighbours do, other trajectories. u: the frame before f, seen outwards."""
         T, before = self.T, 2 * u - f
         out = [T[f, p]]
         if u != self.canonical:

@@ -1,4 +1,4 @@
-"""Seams: the border between two parts that turn against each other is a plane across their joint axis, if the data agree.
+"""Seams: the border of two parts that turn against each other is a plane across their axis, if the data agree.
 
 On a surface of revolution about the axis both parts explain a point equally well, and the evidence of single points is
 noise. One number a joint, the place of the cut, is found from all of them together. A link that was inferred without
@@ -18,8 +18,8 @@ from rearticulate.fit.labels import candidate_parts, sheet_evidence
 from rearticulate.fit.relaxed import to_canonical
 from rearticulate.geometry.nearest import nearest
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 
 def best_cut(along: Array, favour: Array, slack: float) -> tuple[float, float]:
@@ -36,7 +36,9 @@ def best_cut(along: Array, favour: Array, slack: float) -> tuple[float, float]:
     return float((edges[good[0]] + edges[good[-1]]) / 2), side
 
 
-def link_candidates(tree: Articulated, labels: IntArray, z: Array, candidates: NDArray, config: SeamConfig, F: int) -> NDArray:
+def link_candidates(
+    tree: Articulated, labels: IntArray, z: Array, candidates: NDArray, config: SeamConfig, F: int
+) -> NDArray:
     """Candidates (M, P) where a link with (almost) no points may also claim what lies near the gap it bridges."""
     out = candidates.copy()
     counts = np.bincount(labels, minlength=tree.n_parts) / F
@@ -49,7 +51,9 @@ def link_candidates(tree: Articulated, labels: IntArray, z: Array, candidates: N
             d, j = nearest(KDTree(za), zb)
             near = np.argsort(d, kind="stable")[:40]
             contact = (zb[near] + za[j[near]]).mean(axis=0) / 2
-            out[:, v] |= (np.linalg.norm(z - contact, axis=1) < config.link_reach) & np.isin(labels, [above, below])
+            out[:, v] |= (np.linalg.norm(z - contact, axis=1) < config.link_reach) & np.isin(
+                labels, np.array([above, below])
+            )
     return out
 
 
@@ -82,11 +86,15 @@ def cut_seams(
         p = int(tree.parent[j])
         zone = np.flatnonzero(((labels == j) | (labels == p)) & candidates[:, j] & candidates[:, p])
         if len(zone) >= config.minimum_points:
-            labels[zone] = _cut(z[zone], labels[zone], U[zone, p] - U[zone, j], int(j), p, tree.twist[j, :3], limit, config)
+            labels[zone] = _cut(
+                z[zone], labels[zone], U[zone, p] - U[zone, j], int(j), p, tree.twist[j, :3], limit, config
+            )
     return labels
 
 
-def _cut(z: Array, labels: IntArray, favour: Array, j: int, p: int, axis: Array, limit: float, config: SeamConfig) -> IntArray:
+def _cut(
+    z: Array, labels: IntArray, favour: Array, j: int, p: int, axis: Array, limit: float, config: SeamConfig
+) -> IntArray:
     """Labels of one border zone, cut if that gives up little evidence. favour: evidence for j over p."""
     near = nearest(KDTree(z), z, k=min(config.neighbours, len(z)))[1]
     favour = favour[near].mean(axis=1)

@@ -20,8 +20,8 @@ from rearticulate.fit.register import geman_mcclure, normal_equations
 from rearticulate.geometry.nearest import farthest_points, nearest
 from rearticulate.geometry.se3 import exp_se3, inverse, rotate, transform
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 DAMPING = np.diag([0.035] * 3 + [1e-4] * 3)
 
@@ -137,7 +137,7 @@ def _apply_blocks(D, x, out):
 
 @numba.njit(cache=True, nogil=True)
 def conjugate_gradient(H, H_inv, off, edge_i, edge_j, b, iterations, tolerance):
-    """Solve the block graph system (diagonal H, off-diagonal blocks of the edges) x = b, block-Jacobi preconditioned."""
+    """Solve the block graph system (diagonal H, off-diagonal blocks of the edges) x = b, block-Jacobi conditioned."""
     x, r, z, q = np.zeros_like(b), b.copy(), np.zeros_like(b), np.zeros_like(b)
     _apply_blocks(H_inv, r, z)
     p = z.copy()

@@ -14,8 +14,8 @@ from rearticulate.fit.relaxed import Relaxed, keep_parts
 from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import rotate, transform
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 Pair = tuple[int, int]
 
 BODY_SCHEDULE = Schedule(iterations=8, sigma=2.2, sigma_end=0.56)
@@ -76,7 +76,9 @@ def try_pairs(
     less the sampling error of that mean and an allowance for parts so small that they overfit.
     """
     sets = [np.concatenate([subsets[a], subsets[b]]) for a, b in pairs]
-    side = np.concatenate([np.repeat([2 * k, 2 * k + 1], [len(subsets[a]), len(subsets[b])]) for k, (a, b) in enumerate(pairs)])
+    side = np.concatenate(
+        [np.repeat([2 * k, 2 * k + 1], [len(subsets[a]), len(subsets[b])]) for k, (a, b) in enumerate(pairs)]
+    )
     point, body = flatten(sets)
     n, F = len(pairs), trials.frames.n_frames
     common = np.tile(np.eye(4), (n, F, 1, 1))
@@ -95,7 +97,10 @@ def try_pairs(
         worst = np.sort(d, axis=0)[-max(1, len(d) // 4) :].mean(axis=0)
         smaller = min(len(subsets[a]), len(subsets[b]))
         error = 0.45 / np.sqrt(len(d) * smaller / 3)
-        out[a, b] = float(np.maximum(d.mean(axis=0), 0.5 * worst).max() - error - max(3.0 / smaller - 0.03, 0.0)), common[k]
+        out[a, b] = (
+            float(np.maximum(d.mean(axis=0), 0.5 * worst).max() - error - max(3.0 / smaller - 0.03, 0.0)),
+            common[k],
+        )
     return out
 
 
@@ -139,7 +144,9 @@ def trial_merge(
         for a in touched:
             subsets[a] = trials.subset(labels, a, config.subset)
         own.update(own_cost(trials, T, sorted(touched), subsets))
-        renamed = {(min(p, q), max(p, q)) for p, q in ((merged.get(a, a), merged.get(b, b)) for a, b in scores) if p != q}
+        renamed = {
+            (min(p, q), max(p, q)) for p, q in ((merged.get(a, a), merged.get(b, b)) for a, b in scores) if p != q
+        }
         scores = {e: v for e, v in scores.items() if e in renamed and not set(e) & (touched | merged.keys())}
         fresh = sorted(renamed - scores.keys())
         if fresh:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from rearticulate.geometry.se3 import adjoint, exp_se3
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 
 def forward_kinematics(parent: IntArray, twists: Array, q: Array, T_world_root: Array | None = None) -> Array:

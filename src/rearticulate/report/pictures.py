@@ -19,7 +19,7 @@ from rearticulate.io.palette import part_colors
 from rearticulate.records import FitResult, PointSequence
 from rearticulate.report.scene import axis_segments, thinned
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 View = tuple[float, float]  # azimuth, elevation, degrees
 
 VIEWS: tuple[View, View] = ((35.0, 15.0), (125.0, 15.0))
@@ -70,7 +70,7 @@ def project(points: Array, view: View) -> Array:
 
 
 def _draw_cloud(
-    ax: Axes, points: Array, labels: NDArray[np.int64], n_parts: int, view: View, size: float = 4.0
+    ax: Axes, points: Array, labels: NDArray[np.integer], n_parts: int, view: View, size: float = 4.0
 ) -> None:
     """The far points first and a little paler, so that the near ones stand out."""
     rows = thinned(len(points), BUDGET)

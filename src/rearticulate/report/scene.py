@@ -13,7 +13,7 @@ from rearticulate.geometry.se3 import rotate, transform
 from rearticulate.io.palette import part_hex
 from rearticulate.records import FitResult, KinematicModel, PointSequence
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Figure = dict[str, Any]
 
 ANIMATION_BUDGET = 60_000  # points in all frames together
@@ -28,7 +28,7 @@ def packed(values: Array) -> dict[str, str]:
     return {"dtype": "f4", "bdata": base64.b64encode(data).decode("ascii")}
 
 
-def thinned(n: int, budget: int, seed: int = 0) -> NDArray[np.int64]:
+def thinned(n: int, budget: int, seed: int = 0) -> NDArray[np.integer]:
     """At most `budget` of n rows, spread at random, in order."""
     if n <= budget:
         return np.arange(n)
@@ -88,12 +88,12 @@ def axis_segments(model: KinematicModel, poses: Array) -> tuple[Array, list[str]
     return segments, [f"{model.names[j]}: {model.joint_type[j]}" for j in joints]
 
 
-def _thin(points: Array, labels: NDArray[np.int64], budget: int) -> tuple[Array, NDArray[np.int64]]:
+def _thin(points: Array, labels: NDArray[np.integer], budget: int) -> tuple[Array, NDArray[np.integer]]:
     rows = thinned(len(points), budget)
     return points[rows], labels[rows]
 
 
-def _cloud_traces(names: Sequence[str], points: Array, labels: NDArray[np.int64]) -> list[dict[str, Any]]:
+def _cloud_traces(names: Sequence[str], points: Array, labels: NDArray[np.integer]) -> list[dict[str, Any]]:
     colors = part_hex(len(names))
     return [_points_trace(name, points[labels == j], colors[j], 2.6) for j, name in enumerate(names)]
 

@@ -22,8 +22,8 @@ from rearticulate.synth.trajectories import (
 )
 from rearticulate.synth.visibility import visible_points
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 _OVERSAMPLING = 6  # surface points drawn for each visible point wanted
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rearticulate.errors import InputError
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 _PACKAGE = ("package://", "model://")
 

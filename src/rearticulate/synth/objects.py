@@ -15,7 +15,7 @@ from rearticulate.synth.articulated import ArticulatedObject, ObjectBuilder
 from rearticulate.synth.surfaces import box, cylinder, moved, open_box
 from rearticulate.synth.trajectories import random_directions
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 def hinge() -> ArticulatedObject:

@@ -18,8 +18,8 @@ from rearticulate.records import GroundTruth, PointSequence
 from rearticulate.synth.trajectories import random_directions, root_walk
 from rearticulate.synth.visibility import visible_points
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 Recording = tuple[PointSequence, GroundTruth]
 
 

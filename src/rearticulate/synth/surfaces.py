@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from rearticulate.geometry.se3 import transform
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 
 def box(size: Sequence[float], centre: Sequence[float] = (0, 0, 0)) -> Array:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Start = Literal["random", "middle", "zero"]
 
 

@@ -18,7 +18,7 @@ from rearticulate.synth.articulated import ArticulatedObject, ObjectBuilder
 from rearticulate.synth.meshes import find_mesh, load_triangles
 from rearticulate.synth.surfaces import areas, moved
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Folders = Sequence[str | os.PathLike[str]]
 
 _KINDS = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
@@ -132,7 +132,7 @@ def _limits(joint: Any) -> tuple[float, float]:
 
 def _link_surface(visuals: Any, path: Path, folders: list[Path]) -> Array:
     """(T, 3, 3) triangles of all visual geometry of a link, in link coordinates."""
-    parts = [np.zeros((0, 3, 3))]
+    parts: list[Array] = [np.zeros((0, 3, 3))]
     for visual in visuals:
         triangles = _geometry(visual.geometry, path, folders)
         parts.append(triangles if visual.origin is None else moved(visual.origin, triangles))
@@ -208,7 +208,7 @@ def _assemble(links: list[_Link], surface: dict[str, Array], moving: set[str]) -
 
 def _rest_poses(links: list[_Link], moving: set[str]) -> dict[str, Array]:
     """T_world_link (4, 4) of every link: moving joints at 0, the others held."""
-    T = {links[0].name: np.eye(4)}
+    T: dict[str, Array] = {links[0].name: np.eye(4)}
     for link in links[1:]:
         assert link.origin is not None
         T[link.name] = T[link.parent] @ link.origin @ (np.eye(4) if link.name in moving else link.held_motion)
