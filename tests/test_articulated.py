@@ -17,7 +17,7 @@ from rearticulate.fit.articulated import (
     normalise_twists,
     reduced_system,
 )
-from rearticulate.geometry.se3 import exp_se3, inverse, log_se3
+from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, log_se3
 
 F, CANONICAL = 4, 1
 seeds = st.integers(0, 10_000)
@@ -51,8 +51,6 @@ def quadratic(model: Articulated, target, H) -> float:
 
 def unconstrained_step(model: Articulated, step, moving) -> Articulated:
     """`apply_step` without limits and without the normalisation of the twists."""
-    from rearticulate.geometry.se3 import adjoint
-
     P = model.n_parts
     own = P + 5
     frames = step[: len(moving) * own].reshape(len(moving), own)
@@ -137,6 +135,7 @@ def test_normalised_twists_are_unit_screws_without_pitch(seed):
     np.testing.assert_allclose(np.einsum("ij,ij->i", w, v), 0.0, atol=1e-9)
     np.testing.assert_allclose(normalise_twists(unit, revolute), unit, atol=1e-12)  # nothing left to do
     # the same axis: direction and, for a turn, every point on it
-    np.testing.assert_allclose(np.cross(np.where(revolute[:, None], w, v), np.where(revolute[:, None], twist[:, :3], twist[:, 3:])), 0.0, atol=1e-9)
+    before, after = (np.where(revolute[:, None], s[:, :3], s[:, 3:]) for s in (twist, unit))
+    np.testing.assert_allclose(np.cross(before, after), 0.0, atol=1e-9)
     on_axis = np.cross(twist[:, :3], twist[:, 3:]) / (twist[:, :3] ** 2).sum(-1, keepdims=True)
     np.testing.assert_allclose((np.cross(w, on_axis) + v)[revolute], 0.0, atol=1e-9)

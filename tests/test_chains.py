@@ -120,7 +120,7 @@ def test_fewer_joints_do_not_explain_more(k):
     few = fit_revolute(A, POINTS, CANONICAL) if k == 1 else fit_series(A, POINTS, np.zeros((B, 3)), 2, CANONICAL, 8)
     many = fit_series(A, POINTS, np.zeros((B, 3)), k + 1, CANONICAL, 8)
     assert (few.cost > 3e-3 * rest_cost(A, POINTS)).all()
-    assert (few.cost > 1e3 * many.cost).all()
+    assert (few.cost > 300 * many.cost).all()
 
 
 def test_a_slide_does_not_explain_a_turn_nor_a_turn_a_screw():

@@ -16,7 +16,7 @@ from rearticulate.geometry.se3 import exp_se3, transform
 def scattered(seed=0, noise=0.3):
     """Points x (N, 3) of three labels and their noisy images y (F, N, 3) under a motion a label and frame."""
     rng = np.random.default_rng(seed)
-    x, label = rng.normal(size=(60, 3)) + [4.0, 0, -2], np.arange(60) % 3
+    x, label = rng.normal((4.0, 0, -2), size=(60, 3)), np.arange(60) % 3
     T = exp_se3(rng.normal(size=(4, 3, 6)))
     return x, transform(T[:, label], x) + noise * rng.normal(size=(4, 60, 3)), label, T
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rearticulate.config import LabelConfig
+from rearticulate.config import LabelConfig, SeamConfig
 from rearticulate.fit.frames import make_frames
 from rearticulate.fit.labels import (
     IMPOSSIBLE,
@@ -63,9 +63,9 @@ def test_joined_graphs_have_the_neighbours_of_both():
     np.testing.assert_array_equal(both.weight, [[1, 1.5, 1.5], [1, 1.5, 1.5]])
 
 
-@pytest.mark.parametrize("F, limit, expected", [(3, 12, [0, 1, 2]), (12, 12, range(12)), (9, 3, [0, 4, 8]), (1, 5, [0])])
+@pytest.mark.parametrize("F, limit, expected", [(3, 12, [0, 1, 2]), (9, 3, [0, 4, 8]), (1, 5, [0])])
 def test_frames_of_the_evidence_are_evenly_spread(F, limit, expected):
-    np.testing.assert_array_equal(evidence_frames(F, limit), list(expected))
+    np.testing.assert_array_equal(evidence_frames(F, limit), expected)
 
 
 def test_many_frames_are_thinned_to_the_limit():
@@ -75,35 +75,42 @@ def test_many_frames_are_thinned_to_the_limit():
     assert set(np.diff(chosen)) <= {9, 10}  # to the rounding of 99 / 11
 
 
+def cut(along, favour, slack):
+    """`best_cut` with the other settings as they come."""
+    usual = SeamConfig()
+    others = {key: getattr(usual, key) for key in ("bin_width", "peak") if hasattr(usual, key)}
+    return best_cut(along, favour, slack, **others)
+
+
 def test_a_cut_between_two_clear_sides():
     along = np.array([3.0, 0.0, 1.0, 2.0, 5.0, 4.0])
     favour = np.where(along >= 3, 1.0, -1.0)
-    assert best_cut(along, favour, slack=0.5) == (2.5, 1.0)
-    assert best_cut(along, -favour, slack=0.5) == (2.5, -1.0)
+    assert cut(along, favour, slack=0.5) == (2.5, 1.0)
+    assert cut(along, -favour, slack=0.5) == (2.5, -1.0)
 
 
 def test_a_cut_through_indifferent_points_lies_in_their_middle():
     along = np.arange(11.0)
     favour = np.concatenate([[-1.0, -1], np.zeros(7), [1.0, 1]])  # 2 to 8 do not care
-    assert best_cut(along, favour, slack=0.5) == (5.0, 1.0)
+    assert cut(along, favour, slack=0.5) == (5.0, 1.0)
 
 
 def test_a_cut_ignores_a_single_outlier():
     along = np.arange(20.0)
     favour = np.where(along >= 12, 1.0, -1.0)
     favour[3] = 0.9
-    assert best_cut(along, favour, slack=0.1) == (11.5, 1.0)
+    assert cut(along, favour, slack=0.1) == (11.5, 1.0)
 
 
 def test_when_all_points_favour_the_child_the_cut_is_below_them():
-    place, side = best_cut(np.arange(4.0), np.ones(4), slack=0.5)
+    place, side = cut(np.arange(4.0), np.ones(4), slack=0.5)
     assert (np.sign(np.arange(4.0) - place) == side).all()
 
 
 def test_a_wider_slack_only_widens_the_range():
     along, favour = np.arange(10.0), np.repeat([-1.0, 1.0], 5)
-    assert best_cut(along, favour, slack=2.0)[0] == 4.5  # symmetric: the middle stays
-    assert best_cut(along, favour * np.where(along > 4, 3.0, 1.0), slack=2.0)[0] < 4.5  # the child's evidence is dearer
+    assert cut(along, favour, slack=2.0)[0] == 4.5  # symmetric: the middle stays
+    assert cut(along, favour * np.where(along > 4, 3.0, 1.0), slack=2.0)[0] < 4.5  # the child's evidence is dearer
 
 
 def two_plates(n=700, frames=6):
@@ -180,7 +187,7 @@ def test_disbelief_in_the_neighbours_weakens_a_sheet():
 
 def test_candidates_are_the_parts_within_the_radius():
     line = np.column_stack([np.arange(30.0), np.zeros((30, 2))])
-    frames = make_frames([line, line + [0, 0.1, 0]])
+    frames = make_frames([line, line + np.array([0, 0.1, 0])])
     at = frames.points[:, 0] + 14.5  # spacing 1, centred
     labels = (at > 14.5).astype(int)
     candidates = candidate_parts(frames, labels, 3, radius=3.2)
@@ -192,7 +199,7 @@ def test_candidates_are_the_parts_within_the_radius():
 def test_two_close_sheets_are_no_neighbours():
     rng = np.random.default_rng(2)
     low = np.column_stack([rng.uniform(0, 25, (600, 2)), np.zeros(600)])
-    frames = make_frames([np.concatenate([low, low + [0.3, 0.2, 2.5]])])
+    frames = make_frames([np.concatenate([low, low + np.array([0.3, 0.2, 2.5])])])
     frames = replace(frames, normals=np.tile([0.0, 0, 1], (1200, 1)))  # at this distance estimated normals mix both
     upper = frames.points[:, 2] > 0
     graph = spatial_graph(frames, 12, scale=1.87, offset_scale=0.4)

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rearticulate.config import ProjectConfig
+from rearticulate.fit.articulated import Articulated
 from rearticulate.fit.frames import make_frames
 from rearticulate.fit.project import choose_root, link_motion, spanning_tree
 from rearticulate.fit.relaxed import Relaxed
@@ -106,8 +107,6 @@ def test_the_root_does_not_depend_on_where_the_origin_lies(shift):
 
 
 def test_a_link_moves_as_its_joint_says():
-    from rearticulate.fit.articulated import Articulated
-
     twist = np.array([[0] * 6, [0, 0, 1.0, 0, -1.0, 0], [0, 0, 0, 0, 1.0, 0]])
     q = np.array([[0, 0, 0], [0, 0.4, 2.0]])
     tree = Articulated(np.array([-1, 0, 1]), twist, np.array([True, True, False]), q, exp_se3(np.ones((2, 6))))

@@ -55,7 +55,7 @@ def test_points_beyond_the_reach_move_nothing():
     points, normals, body = two_bodies()
     start = np.tile(np.eye(4), (2, 1, 1))
     schedule = Schedule(5, 2.0, 0.5, max_distance=3.0)
-    found = register_bodies(KDTree(points + [0, 0, 100.0]), normals, points, normals, body, start, schedule)
+    found = register_bodies(KDTree(points + np.array([0, 0, 100.0])), normals, points, normals, body, start, schedule)
     np.testing.assert_array_equal(found, start)
 
 
@@ -107,6 +107,6 @@ def test_the_misfit_is_nothing_on_the_cloud_and_capped_far_away():
     np.testing.assert_allclose(fit_cost(tree, normals, points, -normals), 0.0, atol=1e-12)
     sideways = normals[:, [1, 2, 0]]  # at right angles to its own, for normals along the axes
     np.testing.assert_allclose(fit_cost(tree, normals, points, sideways), 0.2, atol=1e-12)
-    far = points + [0, 0, 1000.0]
+    far = points + np.array([0, 0, 1000.0])
     tops = fit_cost(tree, np.tile([0.0, 0, 1], (len(points), 1)), far, np.tile([1.0, 0, 0], (len(points), 1)))
     np.testing.assert_allclose(tops, 2.0 + 0.75 + 0.2)
