@@ -54,15 +54,11 @@ def test_a_slide_is_determined_and_its_range_is_in_metres():
     assert joints[1].origin_std == 0
 
 
-@pytest.mark.xfail(
-    strict=False,
-    reason="the point-to-point share and the scatter of estimated normals count as knowledge about the spin",
-)
 @pytest.mark.parametrize("step", [0.1, 0.3])
 def test_a_spinning_rod_is_not_determined(step):
     _, joints, _ = diagnosed(objects.spinning_rod(), sweep(step))
     assert not joints[1].determined
-    assert "noise" in joints[1].note
+    assert "surface" in joints[1].note
 
 
 def test_a_joint_that_never_moved_is_not_determined():

@@ -133,10 +133,13 @@ class ProjectConfig:
 class SeamConfig:
     """Plane seams across joint axes (`fit.seams`)."""
 
-    zone: float = 5.6  # points this near to both parts may change sides
+    zone: float = 9.0  # points this near to both parts may change sides
     minimum_points: int = 30
     neighbours: int = 32  # the evidence is averaged over this many points first
     slack: float = 2.0  # cuts this close to the best (times the root of the number of points) count as equal
+    bin_width: float = 0.75  # of the histogram along the axis that finds the faces of links
+    peak: float = 2.0  # a face has this many times the usual number of points
+    doubt: float = 4.0  # a point with more evidence than this against the cut stays where it is
     sacrifice: float = 1.7  # evidence a changed point may give up on average, for ten frames
     minimum_support: float = 5.0  # a link with fewer points a frame may claim points near the gap it bridges
     link_reach: float = 12.0
@@ -149,6 +152,7 @@ class FitConfig:
     working_points: int = 5000  # points a frame that take part in the fit; all are labelled
     canonical_tries: int = 3  # frames from which the relaxed model is fitted
     canonical_fits: int = 2  # of these, the ones with the lowest energy get a tree; the lowest energy wins
+    canonical_bias: float = 0.001  # energy that a canonical frame must save for every frame away from the middle
     track: TrackConfig = field(default_factory=TrackConfig)
     cluster: ClusterConfig = field(default_factory=ClusterConfig)
     trial: TrialConfig = field(default_factory=TrialConfig)

@@ -91,9 +91,10 @@ def fit(
     tried = canonical_frames(F, canonical, config.canonical_tries)
     starts = side_by_side(solver.relaxed, silent.relaxed, tried)
     energies = {c: energy(frames, m.T, m.labels) for c, m in zip(tried, starts, strict=True)}
-    promising = sorted(zip(tried, starts, strict=True), key=lambda s: energies[s[0]])[: config.canonical_fits]
-    fits = side_by_side(solver.articulated, silent.articulated, promising)
-    best = min(fits, key=lambda t: t.energy)
+    bias = {c: config.canonical_bias * abs(c - F // 2) for c in tried}
+    promising = sorted(zip(tried, starts, strict=True), key=lambda s: energies[s[0]] + bias[s[0]])
+    fits = side_by_side(solver.articulated, silent.articulated, promising[: config.canonical_fits])
+    best = min(fits, key=lambda t: t.energy + bias[t.canonical])
     clock("finish", 0.0)
     result = to_result(sequence, chosen, frames, best, config, seed, energies)
     clock("finish", 1.0)

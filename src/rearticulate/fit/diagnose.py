@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from rearticulate.config import ProjectConfig
 from rearticulate.fit.articulated import Articulated, reduced_system
 from rearticulate.fit.frames import Frames
+from rearticulate.fit.joint_repair import subtree
 from rearticulate.fit.project import Evidence, contact_point, fit_joints, gather_evidence
-from rearticulate.fit.relaxed import Relaxed, register_to_fused
+from rearticulate.fit.relaxed import Fused, Relaxed, register_to_fused
 from rearticulate.geometry.se3 import hat
 from rearticulate.records import JointDiagnostics
 
@@ -17,6 +18,7 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 MIN_TURN = 3.0  # a range below this many standard deviations of q is within the noise
+MIN_VISIBLE = 0.01  # share of the motion across the surface below which a joint cannot be seen
 MAX_AXIS_STD = np.deg2rad(15.0)
 
 
@@ -84,8 +86,26 @@ def diagnose(
     for j in range(1, P):
         parent = int(tree.parent[j])
         residual, margin = _support(evidence, j, parent, config) if counts[j] and counts[parent] else (0.0, 0.0)
-        out.append(_record(frames.unit, tree, j, counts, residual, margin, axis_std, origin_std, q_std))
+        seen = visibility(tree, evidence.fused, j)
+        out.append(_record(frames.unit, tree, j, counts, residual, margin, seen, axis_std, origin_std, q_std))
     return out, origins
+
+
+def visibility(tree: Articulated, fused: Fused, j: int) -> float:
+    """Share of the motion of joint j that moves points out of their surface, on the side that shows less of it.
+
+    0 for a body of revolution that turns about its own axis and for a wall that slides in its own plane.
+    """
+    axis = tree.twist[j, :3] if tree.revolute[j] else tree.twist[j, 3:]
+    foot = np.cross(axis, tree.twist[j, 3:]) if tree.revolute[j] else np.zeros(3)
+    beyond = np.isin(fused.labels, subtree(tree.parent, j))
+    shares = []
+    for side in (beyond, ~beyond):
+        z, n = fused.z[side], fused.normals[side]
+        motion = np.cross(axis, z - foot) if tree.revolute[j] else np.broadcast_to(axis, z.shape)
+        if len(z):
+            shares.append((np.einsum("ij,ij->i", n, motion) ** 2).mean() / (motion**2).sum(axis=1).mean())
+    return float(min(shares, default=0.0))
 
 
 def _support(evidence: Evidence, j: int, parent: int, config: ProjectConfig) -> tuple[float, float]:
@@ -94,7 +114,7 @@ def _support(evidence: Evidence, j: int, parent: int, config: ProjectConfig) -> 
     return float(evidence.rms(pair.cost, pair.W)[0]), float((pair.other_cost - pair.cost)[0] / evidence.sigma**2)
 
 
-def _record(unit, tree, j, counts, residual, margin, axis_std, origin_std, q_std) -> JointDiagnostics:
+def _record(unit, tree, j, counts, residual, margin, seen, axis_std, origin_std, q_std) -> JointDiagnostics:
     span = float(np.ptp(tree.q[:, j]))
     turning = bool(tree.revolute[j])
     typical = float(np.median(q_std[:, j][q_std[:, j] > 0])) if (q_std[:, j] > 0).any() else 0.0
@@ -103,6 +123,8 @@ def _record(unit, tree, j, counts, residual, margin, axis_std, origin_std, q_std
         notes.append("no points of its own: a link inferred from the motion of its neighbours")
     if span < MIN_TURN * typical:
         notes.append("its motion is within the noise")
+    if seen < MIN_VISIBLE:
+        notes.append("its motion leaves the surface where it is")
     if axis_std[j] > MAX_AXIS_STD:
         notes.append("the axis direction is not fixed by the data")
     return JointDiagnostics(

@@ -22,9 +22,13 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 
-def best_cut(along: Array, favour: Array, slack: float) -> tuple[float, float]:
+def best_cut(along: Array, favour: Array, slack: float, bin_width: float, peak: float) -> tuple[float, float]:
     """Place and side (+1: the child is above) of the cut of points at `along` (n,) that agrees best with `favour` (n,),
-    the evidence for the child over the parent. Among cuts within the slack of the best, the middle of their range."""
+    the evidence for the child over the parent.
+
+    Where cuts within the slack of the best one leave a choice, links end in faces across their axis: the bin with the
+    most points is taken if it has `peak` times the usual number, else the middle.
+    """
     order = np.argsort(along, kind="stable")
     s, gain = along[order], favour[order]
     above = gain.sum() - np.concatenate([[0.0], np.cumsum(gain)])  # the child has the points from the k-th on
@@ -33,7 +37,13 @@ def best_cut(along: Array, favour: Array, slack: float) -> tuple[float, float]:
     score = above if side > 0 else below
     good = np.flatnonzero(score >= score.max() - slack)
     edges = np.concatenate([[s[0] - 1.0], (s[1:] + s[:-1]) / 2, [s[-1] + 1.0]])
-    return float((edges[good[0]] + edges[good[-1]]) / 2), side
+    low, high = float(edges[good[0]]), float(edges[good[-1]])
+    if high - low > 2 * bin_width:
+        count, place = np.histogram(s, bins=np.arange(low, high + bin_width, bin_width))
+        if count.max() > peak * np.median(count):
+            k = int(count.argmax())
+            return float((place[k] + place[k + 1]) / 2), side
+    return float((low + high) / 2), side
 
 
 def link_candidates(
@@ -99,8 +109,11 @@ def _cut(
     near = nearest(KDTree(z), z, k=min(config.neighbours, len(z)))[1]
     favour = favour[near].mean(axis=1)
     along = z @ axis
-    place, side = best_cut(along, favour, config.slack * np.sqrt(len(z)))
+    mild = np.clip(favour, -config.doubt, config.doubt)
+    place, side = best_cut(along, mild, config.slack * np.sqrt(len(z)), config.bin_width, config.peak)
     new = np.where(side * (along - place) > 0, j, p)
+    against = favour * np.where(new == j, -1, 1)  # evidence against the cut, point by point
     changed = new != labels
-    lost = (favour * np.where(new == j, -1, 1))[changed].sum()
-    return new if lost < limit * changed.sum() else labels
+    if not changed.any() or against[changed].mean() > limit:
+        return labels
+    return np.where(against > config.doubt, labels, new)
