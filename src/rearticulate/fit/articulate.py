@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rearticulate.config import FitConfig
 from rearticulate.fit.articulated import Articulated
 from rearticulate.fit.bundle import bundle_adjust
+from rearticulate.fit.energy import energy
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.joint_repair import repair_joints
 from rearticulate.fit.labels import Labeller
@@ -22,7 +23,7 @@ from rearticulate.fit.trial import trial_merge
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
-LOOKS = 3
+LOOKS = 5
 SIGMA_WIDE, SIGMA = 1.5, 0.56
 
 
@@ -35,16 +36,18 @@ def articulate(
     rng: np.random.Generator,
     progress: Callable[[str, float], None],
 ) -> tuple[Articulated, IntArray]:
-    """Tree, bundle adjustment and labels in turn, with a second look at the structure; then repairs in joint space.
+    """Tree, bundle adjustment, labels and repairs in turn; then a new look at the structure, until every joint passes
+    its test. The look with the lowest energy is kept.
 
     Returns the model and the labels (M,) of all points.
     """
     model = merge_resting(frames, canonical, relaxed, config.project)
     tree, labels, failing = project(frames, canonical, model, config.project, rng)
+    best: tuple[float, Articulated, IntArray] | None = None
     for look in range(LOOKS):
         progress("articulate", look / LOOKS)
-        if look > 0:
-            tree, labels, failing = restructure(frames, canonical, tree, labels, relaxed, config, rng)
+        if best is not None:
+            tree, labels, failing = restructure(frames, canonical, best[1], best[2], relaxed, config, rng)
         belief: Array | None = None
         for i in range(2):
             tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA_WIDE, SIGMA) if look == i == 0 else (SIGMA,))
@@ -52,9 +55,14 @@ def articulate(
             labels = cut_seams(frames, tree, parts.labels, config.label, config.seam, only_empty=True)
         tree, _ = repair_joints(frames, canonical, tree, labels, config.repair, rng)
         tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,))
+        value = energy(frames, tree.forward(), labels)
+        if best is None or value < best[0]:
+            best = value, tree, labels
         if look > 0 and failing == 0:
             break
-    parts, _ = labeller.fine(Relaxed(tree.forward(), labels), belief)
+    assert best is not None
+    _, tree, labels = best
+    parts, _ = labeller.fine(Relaxed(tree.forward(), labels), None)
     labels = cut_seams(frames, tree, parts.labels, config.label, config.seam)
     tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,), stride=1)
     progress("articulate", 1.0)

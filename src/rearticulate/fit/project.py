@@ -251,13 +251,12 @@ def project(
     }
     x = {int(c): float(x1[i]) for i, c in enumerate(child)}
     r = {int(c): float(rms[i]) for i, c in enumerate(child)}
-    failing = sum(v > config.joint for v in x.values())
     _replace_small_middles(evidence, model, links, x, config)
     labels, n_links = model.labels.copy(), P
     z = evidence.fused.z
     for c in [int(c) for c in child]:
         link = links[c]
-        chain, _, contact = hidden_links(evidence, c, link.parent, x[c], r[c], config)
+        chain, x[c], contact = hidden_links(evidence, c, link.parent, x[c], r[c], config)
         if chain is None:
             continue
         k = chain.twist.shape[0]
@@ -271,6 +270,7 @@ def project(
         labels[near & (model.labels == c)] = n_links - 1
         links[c] = Link(c, above, chain.twist[k - 1], chain.q[:, k - 1], True)
     tree, number = _assemble(list(links.values()), model.T[:, root], root, n_links, labels)
+    failing = sum(x[c] > config.joint and r[c] > config.joint_rms for c in x)
     return tree, number[labels], failing
 
 
