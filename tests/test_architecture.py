@@ -13,7 +13,7 @@ import rearticulate
 
 ROOT = Path(rearticulate.__file__).parent
 LAYERS = [
-    {"errors"},
+    {"errors", "parallel"},
     {"geometry"},
     {"records"},
     {"config"},
@@ -23,7 +23,7 @@ LAYERS = [
     {"commands"},
     {"cli"},
 ]
-HEAVY = ("matplotlib", "plotly", "trimesh", "typer", "networkx", "yourdfpy")
+HEAVY = ("matplotlib", "plotly", "trimesh", "typer", "loky", "yourdfpy")
 
 
 def layer(name: str) -> int:
