@@ -80,7 +80,7 @@ def find_case(name: str) -> Case:
 def data_folder() -> Path:
     """$REARTICULATE_DATA, or ../shared/data beside the repository."""
     beside = Path(__file__).resolve().parents[2] / "shared" / "data"
-    folder = Path(os.environ.get("REARTICULATE_DATA", beside))
+    folder = Path(os.environ.get("REARTICULATE_DATA") or beside)
     if not folder.is_dir():
         raise SystemExit(f"error: no sequences with ground truth in {folder}: set REARTICULATE_DATA")
     return folder

@@ -14,7 +14,7 @@ settings.load_profile("quick")
 def data_folder() -> Path:
     """The folder of the sequences with ground truth: $REARTICULATE_DATA, or ../shared/data beside the repository."""
     beside = Path(__file__).resolve().parents[2] / "shared" / "data"
-    folder = Path(os.environ.get("REARTICULATE_DATA", beside))
+    folder = Path(os.environ.get("REARTICULATE_DATA") or beside)
     if not folder.is_dir():
         pytest.skip(f"no sequences with ground truth in {folder}: set REARTICULATE_DATA")
     return folder
