@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rearticulate.geometry.se3 import inverse, log_se3
+from rearticulate.geometry.se3 import exp_se3, inverse, log_se3
 from rearticulate.records import (
     Array,
     FitResult,
@@ -97,3 +97,14 @@ def random_model(seed: int, max_parts: int = 7, points: int = 40) -> KinematicMo
         points=np.concatenate([c + 0.2 * rng.normal(size=(points, 3)) for c in centre]),
         labels=np.repeat(np.arange(P), points),
     )
+
+
+def assert_joints_explain_poses(truth: GroundTruth) -> None:
+    """The true screws and joint values give the true motion of every part against its parent."""
+    for j in range(1, len(truth.parent)):
+        axis, point = truth.joint_axis[j], truth.joint_point[j]
+        turning = truth.joint_type[j] == "revolute"
+        twist = np.r_[axis, np.cross(point, axis)] if turning else np.r_[0, 0, 0, axis]
+        q = truth.joint_state[:, j] - truth.joint_state[0, j]
+        relative = inverse(truth.poses[:, truth.parent[j]]) @ truth.poses[:, j]
+        np.testing.assert_allclose(relative, exp_se3(q[:, None] * twist), atol=1e-9)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from oracle import random_model
-from rearticulate.geometry.kinematics import depth_first_order, forward_kinematics, joint_jacobian, screw_jacobian
+from rearticulate.geometry.kinematics import forward_kinematics, joint_jacobian, screw_jacobian
 from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, log_se3, transform
 
 seeds = st.integers(0, 10_000)
@@ -67,20 +67,3 @@ def test_screw_jacobian_is_the_derivative(seed):
                 twists[j] = adjoint(exp_se3(sign * h * eta)) @ twists[j]
                 moved.append(forward_kinematics(model.parent, twists, q))
             np.testing.assert_allclose(J[:, :, j, a], left_difference(*moved, h), atol=1e-6)
-
-
-@given(seeds)
-def test_depth_first_order_keeps_subtrees_together(seed):
-    parent = random_model(seed).parent
-    order = depth_first_order(parent)
-    assert sorted(order) == list(range(len(parent)))
-    place = np.argsort(order)
-    for j in range(len(parent)):
-        below = [i for i in range(len(parent)) if _is_below(parent, i, j)]
-        assert sorted(place[below]) == list(range(place[j], place[j] + len(below)))
-
-
-def _is_below(parent, i, j):
-    while i not in (-1, j):
-        i = parent[i]
-    return i == j

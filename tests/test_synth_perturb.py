@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from oracle import read_pair
-from rearticulate.geometry.se3 import exp_se3, inverse, transform
+from oracle import assert_joints_explain_poses, read_pair
+from rearticulate.geometry.se3 import inverse, transform
 from rearticulate.records import GroundTruth, PointSequence
 from rearticulate.synth import perturb
 from rearticulate.synth.articulated import record
@@ -57,13 +57,7 @@ def test_truth_moves_points_onto_the_surface_of_other_frames(name, recording):
 def test_true_joints_still_explain_the_true_poses(name, recording):
     _, truth = PERTURBATIONS[name](*recording)
     np.testing.assert_allclose(truth.poses[0], np.broadcast_to(np.eye(4), truth.poses[0].shape), atol=1e-12)
-    for j in range(1, len(truth.parent)):
-        axis, point = truth.joint_axis[j], truth.joint_point[j]
-        turning = truth.joint_type[j] == "revolute"
-        twist = np.r_[axis, np.cross(point, axis)] if turning else np.r_[0, 0, 0, axis]
-        q = truth.joint_state[:, j] - truth.joint_state[0, j]
-        relative = inverse(truth.poses[:, truth.parent[j]]) @ truth.poses[:, j]
-        np.testing.assert_allclose(relative, exp_se3(q[:, None] * twist), atol=1e-9)
+    assert_joints_explain_poses(truth)
 
 
 @pytest.mark.parametrize("name", PERTURBATIONS)

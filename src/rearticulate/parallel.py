@@ -19,7 +19,7 @@ def _alone(work: Callable[[Any], Any], job: Any) -> Any:
 
 def side_by_side(here: Callable[[Job], Any], elsewhere: Callable[[Job], Any], jobs: Sequence[Job]) -> list[Any]:
     """Results of the jobs, in order. The first runs in this process by `here` (which may report progress), the others
-    by `elsewhere` (picklable) in further processes; jobs nobody has begun when this process is free are taken back."""
+    by `elsewhere` (picklable) in further processes; the last is taken back if nobody has begun it by then."""
     cores = os.cpu_count() or 1
     if len(jobs) < 2 or cores < 2:
         return [_alone(here, job) for job in jobs]
@@ -29,10 +29,8 @@ def side_by_side(here: Callable[[Job], Any], elsewhere: Callable[[Job], Any], jo
     futures = [executor.submit(_alone, elsewhere, job) for job in jobs[1:]]
     try:
         results = [_alone(here, jobs[0])]
-        # the executor hands a few jobs to its queue in advance; only what it still holds can be taken back
-        last = len(jobs) - 1
         if futures[-1].cancel():
-            taken = _alone(here, jobs[last])
+            taken = _alone(here, jobs[-1])
             return results + [f.result() for f in futures[:-1]] + [taken]
         return results + [f.result() for f in futures]
     except BaseException:

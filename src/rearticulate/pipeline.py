@@ -176,12 +176,11 @@ def to_result(
     labels = all_labels(sequence, chosen, frames, T, best.labels, c)
     kinds: list[JointType] = ["revolute" if turning else "prismatic" for turning in tree.revolute]
     kinds[0] = "floating"
-    axis = np.where(tree.revolute[:, None], tree.twist[:, :3], tree.twist[:, 3:])
     model = KinematicModel(
         canonical=c,
         parent=tree.parent,
         joint_type=tuple(kinds),
-        axis=axis,
+        axis=tree.axes,
         origin=np.where(np.arange(tree.n_parts)[:, None] == 0, 0.0, origins * unit + centre),
         limits=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
         names=tuple(f"part_{j}" for j in range(tree.n_parts)),

@@ -32,6 +32,11 @@ class Articulated:
     def n_parts(self) -> int:
         return len(self.parent)
 
+    @property
+    def axes(self) -> Array:
+        """(P, 3) unit directions of the joints."""
+        return np.where(self.revolute[:, None], self.twist[:, :3], self.twist[:, 3:])
+
     def forward(self) -> Array:
         """(F, P, 4, 4) part poses."""
         return forward_kinematics(self.parent, self.twist, self.q, self.T_root)

@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 
 from rearticulate.fit.articulated import Articulated, gauss_newton_step
 from rearticulate.fit.frames import Frames
-from rearticulate.fit.register import geman_mcclure, normal_equations
+from rearticulate.fit.register import geman_mcclure, match, normal_equations
 from rearticulate.fit.relaxed import CONVERGED, fuse, fused_equations
-from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import rotate, transform
 
 Array = NDArray[np.floating]
@@ -32,10 +31,7 @@ def canonical_equations(
             continue
         tree, normals = frames.trees[f], frames.normals[frames.rows(f)]
         y, ny = transform(T[f, label], x), rotate(T[f, label], nx)
-        d, j = nearest(tree, y)
-        z, nz = tree.data[j], normals[j]
-        agreement = np.abs(np.einsum("ij,ij->i", ny, nz))
-        r = np.einsum("ij,ij->i", y - z, nz)
+        z, nz, d, r, agreement = match(tree, normals, y, ny)
         w = geman_mcclure(r * r + 0.1 * d * d, sigma) * np.where(agreement > 0.5, agreement, 0.0) * (d < max_distance)
         H[f], g[f] = normal_equations(y, z, nz, w, 0.03 * w, label, P)
     return H, g

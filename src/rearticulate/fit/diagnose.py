@@ -26,7 +26,7 @@ def joint_origins(tree: Articulated, evidence: Evidence) -> Array:
     """(P, 3) for every joint the point of its axis nearest to where its two parts meet."""
     out = np.zeros((tree.n_parts, 3))
     for j in range(1, tree.n_parts):
-        axis = tree.twist[j, :3] if tree.revolute[j] else tree.twist[j, 3:]
+        axis = tree.axes[j]
         foot = np.cross(axis, tree.twist[j, 3:]) if tree.revolute[j] else np.zeros(3)
         near = _meeting_point(evidence, j, int(tree.parent[j]))
         out[j] = foot + axis * (axis @ (near - foot)) if tree.revolute[j] else near
@@ -57,7 +57,7 @@ def parameter_deviation(tree: Articulated, evidence: Evidence, origins: Array) -
     for j in range(1, P):
         rows = slice(len(moving) * own + 6 * (j - 1), len(moving) * own + 6 * j)
         C = covariance[rows, rows]
-        axis = tree.twist[j, :3] if tree.revolute[j] else tree.twist[j, 3:]
+        axis = tree.axes[j]
         turn = -hat(axis)
         axis_std[j] = np.sqrt(max(np.trace(turn @ C[:3, :3] @ turn.T), 0))
         across = np.eye(3) - np.outer(axis, axis)
@@ -96,7 +96,7 @@ def visibility(tree: Articulated, fused: Fused, j: int) -> float:
 
     0 for a body of revolution that turns about its own axis and for a wall that slides in its own plane.
     """
-    axis = tree.twist[j, :3] if tree.revolute[j] else tree.twist[j, 3:]
+    axis = tree.axes[j]
     foot = np.cross(axis, tree.twist[j, 3:]) if tree.revolute[j] else np.zeros(3)
     beyond = np.isin(fused.labels, subtree(tree.parent, j))
     shares = []

@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 from rearticulate.config import RepairConfig
 from rearticulate.fit.articulated import Articulated
 from rearticulate.fit.frames import Frames
-from rearticulate.fit.register import Schedule, fit_cost, geman_mcclure, normal_equations
+from rearticulate.fit.register import Schedule, fit_cost, geman_mcclure, match, normal_equations
 from rearticulate.fit.trial import flatten, mean_by
 from rearticulate.geometry.kinematics import forward_kinematics, joint_jacobian
 from rearticulate.geometry.nearest import nearest
@@ -124,10 +124,7 @@ class JointRepairer:
         for i in range(JOINT_SCHEDULE.iterations):
             T = self._forward(f, q)
             y, ny = transform(T[config, label], self.x[point]), rotate(T[config, label], self.nx[point])
-            d, j = nearest(tree, y)
-            z, nz = tree.data[j], normals[j]
-            agreement = np.abs(np.einsum("ij,ij->i", ny, nz))
-            r = np.einsum("ij,ij->i", y - z, nz)
+            z, nz, d, r, agreement = match(tree, normals, y, ny)
             w = geman_mcclure(r * r + 0.1 * d * d, JOINT_SCHEDULE.scale(i)) * np.where(agreement > 0.4, agreement, 0.05)
             H, g = normal_equations(y, z, nz, w, JOINT_SCHEDULE.point_share * w, config * P + label, C * P)
             J = joint_jacobian(self.model.parent, self.model.twist, T) * free[:, None, None, :]

@@ -20,8 +20,8 @@ from rearticulate.fit.chains import ChainFit, fit_prismatic, fit_revolute, fit_s
 from rearticulate.fit.cluster import adjacent_labels
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.relaxed import Fused, Relaxed, fuse, fused_equations, keep_parts
-from rearticulate.geometry.nearest import nearest
-from rearticulate.geometry.se3 import exp_se3, inverse, transform
+from rearticulate.geometry.nearest import contact, nearest
+from rearticulate.geometry.se3 import inverse, transform
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -124,9 +124,7 @@ def part_gaps(evidence: Evidence, P: int, rng: np.random.Generator, sample: int 
 def contact_point(evidence: Evidence, a: int, b: int, n: int = 40) -> Array:
     """(3,) middle of the nearest fused points of two parts."""
     za, zb = (evidence.fused.z[evidence.fused.labels == p] for p in (a, b))
-    d, j = nearest(KDTree(zb), za)
-    near = np.argsort(d, kind="stable")[:n]
-    return (za[near] + zb[j[near]]).mean(axis=0) / 2
+    return contact(za, zb, n)
 
 
 @dataclass(frozen=True)
@@ -316,8 +314,3 @@ def _assemble(links: list[Link], T_root: Array, root: int, P: int, labels: IntAr
     return Articulated(
         np.array(parent), np.array(twist), np.array(revolute), np.stack(q, axis=1), T_root.copy()
     ), number
-
-
-def link_motion(tree: Articulated, j: int) -> Array:
-    """(F, 4, 4) motion of part j seen from its parent, canonical coordinates."""
-    return exp_se3(tree.q[:, j, None] * tree.twist[j])

@@ -97,6 +97,15 @@ def solve_twists(H: Array, g: Array) -> Array:
     return -np.linalg.solve(H + np.diag(TWIST_DAMPING), g[..., None])[..., 0]
 
 
+def match(tree: KDTree, target_normals: Array, y: Array, ny: Array, within: float = np.inf):
+    """Nearest target points z, their normals nz, distance d, plane distance r, agreement |cos| of the normals of moved
+    points y with normals ny (n, 3). Beyond `within` d is inf and z any point."""
+    d, j = nearest(tree, y, within=within)
+    j = np.where(np.isfinite(d), j, 0)
+    z, nz = tree.data[j], target_normals[j]
+    return z, nz, d, np.einsum("ij,ij->i", y - z, nz), np.abs(np.einsum("ij,ij->i", ny, nz))
+
+
 def register_bodies(
     tree: KDTree, target_normals: Array, points: Array, normals: Array, body: IntArray, T: Array, schedule: Schedule
 ) -> Array:
@@ -107,12 +116,8 @@ def register_bodies(
         rows = np.flatnonzero(active[body])
         sigma, part = schedule.scale(i), body[rows]
         y, ny = transform(T[part], points[rows]), rotate(T[part], normals[rows])
-        d, j = nearest(tree, y, within=schedule.max_distance)
+        z, nz, d, r, agreement = match(tree, target_normals, y, ny, schedule.max_distance)
         found = np.isfinite(d)
-        j = np.where(found, j, 0)
-        z, nz = tree.data[j], target_normals[j]
-        agreement = np.abs(np.einsum("ij,ij->i", ny, nz))
-        r = np.einsum("ij,ij->i", y - z, nz)
         d = np.where(found, d, 0.0)
         w = geman_mcclure(r * r + 0.1 * d * d, sigma) * np.where(agreement > 0.4, agreement, 0.05) * found
         step = solve_twists(*normal_equations(y, z, nz, w, schedule.point_share * w, part, len(T)))
@@ -126,7 +131,6 @@ def register_bodies(
 
 def fit_cost(tree: KDTree, target_normals: Array, y: Array, ny: Array) -> Array:
     """(n,) misfit of moved points y with normals ny to a cloud: distance, plane distance and normal, each capped."""
-    d, j = nearest(tree, y)
-    r = np.abs(np.einsum("ij,ij->i", y - tree.data[j], target_normals[j]))
-    c = 1 - np.abs(np.einsum("ij,ij->i", ny, target_normals[j]))
-    return np.minimum(d, 2.0) + 0.25 * np.minimum(r / 0.28, 3.0) + 0.2 * np.minimum(c / 0.3, 1.0)
+    _, _, d, r, agreement = match(tree, target_normals, y, ny)
+    c = 1 - agreement
+    return np.minimum(d, 2.0) + 0.25 * np.minimum(np.abs(r) / 0.28, 3.0) + 0.2 * np.minimum(c / 0.3, 1.0)

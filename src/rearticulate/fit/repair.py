@@ -15,7 +15,7 @@ from rearticulate.fit.frames import Frames
 from rearticulate.fit.register import Schedule
 from rearticulate.fit.relaxed import Relaxed
 from rearticulate.fit.trial import Trials, flatten, mean_by
-from rearticulate.geometry.nearest import nearest
+from rearticulate.geometry.nearest import contact, nearest
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 
 Array = NDArray[np.floating]
@@ -69,9 +69,7 @@ class Repairer:
 
     def _contact(self, a: int, b: int, n: int = 10) -> Array:
         xa, xb = self.trials.x[self.labels == a], self.trials.x[self.labels == b]
-        d, j = nearest(KDTree(xb), xa)
-        near = np.argsort(d, kind="stable")[:n]
-        return (xa[near] + xb[j[near]]).mean(axis=0) / 2
+        return contact(xa, xb, n)
 
     def unexplained(self, f: int) -> dict[int, Array]:
         """Per part the points of frame f that no other part reaches."""

@@ -16,7 +16,7 @@ from rearticulate.fit.articulated import Articulated
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.labels import candidate_parts, sheet_evidence
 from rearticulate.fit.relaxed import to_canonical
-from rearticulate.geometry.nearest import nearest
+from rearticulate.geometry.nearest import contact, nearest
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -47,23 +47,18 @@ def best_cut(along: Array, favour: Array, slack: float, bin_width: float, peak: 
 
 
 def link_candidates(
-    tree: Articulated, labels: IntArray, z: Array, candidates: NDArray, config: SeamConfig, F: int
+    tree: Articulated, labels: IntArray, z: Array, candidates: NDArray, empty: NDArray, reach: float
 ) -> NDArray:
-    """Candidates (M, P) where a link with (almost) no points may also claim what lies near the gap it bridges."""
+    """Candidates (M, P) where an empty link (P,) may also claim what lies within reach of the gap it bridges."""
     out = candidates.copy()
-    counts = np.bincount(labels, minlength=tree.n_parts) / F
-    for v in np.flatnonzero(counts < config.minimum_support):
+    for v in np.flatnonzero(empty):
         above = int(tree.parent[v])
         for below in np.flatnonzero(tree.parent == v):
             za, zb = z[labels == above], z[labels == below]
             if v == 0 or len(za) == 0 or len(zb) == 0:
                 continue
-            d, j = nearest(KDTree(za), zb)
-            near = np.argsort(d, kind="stable")[:40]
-            contact = (zb[near] + za[j[near]]).mean(axis=0) / 2
-            out[:, v] |= (np.linalg.norm(z - contact, axis=1) < config.link_reach) & np.isin(
-                labels, np.array([above, below])
-            )
+            bridge = contact(zb, za, 40)
+            out[:, v] |= (np.linalg.norm(z - bridge, axis=1) < reach) & np.isin(labels, np.array([above, below]))
     return out
 
 
@@ -87,7 +82,7 @@ def cut_seams(
     T = tree.forward()
     z = to_canonical(frames, T, labels)
     candidates = candidate_parts(frames, labels, tree.n_parts, config.zone)
-    candidates = link_candidates(tree, labels, z, candidates, config, frames.n_frames)
+    candidates = link_candidates(tree, labels, z, candidates, empty, config.link_reach)
     candidates &= np.isin(np.arange(tree.n_parts), np.concatenate([joints, tree.parent[joints]]))
     U = sheet_evidence(frames, T, candidates, None, label_config, label_config.sheet_thickness)
     labels = labels.copy()

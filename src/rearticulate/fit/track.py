@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 
 from rearticulate.config import TrackConfig
 from rearticulate.fit.frames import Frames
-from rearticulate.fit.register import geman_mcclure, normal_equations
+from rearticulate.fit.register import geman_mcclure, match, normal_equations
 from rearticulate.geometry.nearest import farthest_points, nearest
 from rearticulate.geometry.se3 import exp_se3, inverse, rotate, transform
 
@@ -167,10 +167,7 @@ def _match_forward(patches: Patches, T: Array, tree: KDTree, target_normals: Arr
     """Normal equations of patch points to their nearest target points."""
     y = transform(T[patches.patch], patches.points[patches.member])
     ny = rotate(T[patches.patch], patches.normals[patches.member])
-    d, j = nearest(tree, y)
-    z, nz = tree.data[j], target_normals[j]
-    agreement = np.abs(np.einsum("ij,ij->i", ny, nz))
-    r = np.einsum("ij,ij->i", y - z, nz)
+    z, nz, d, r, agreement = match(tree, target_normals, y, ny)
     w = geman_mcclure(0.5 * (r * r + d * d), sigma) * np.where(agreement > 0.4, agreement, 0.02) * patches.weight
     return normal_equations(y, z, nz, w, share * w, patches.patch, patches.count)
 

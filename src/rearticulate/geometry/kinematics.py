@@ -48,17 +48,3 @@ def screw_jacobian(parent: IntArray, twists: Array, q: Array, T_world_part: Arra
         J[..., j, :, :, :] = J[..., parent[j], :, :, :]
         J[..., j, :, j, :] = blocks[..., j - 1, :, :]
     return J
-
-
-def depth_first_order(parent: IntArray) -> IntArray:
-    """Order of the parts in which every parent comes before its children and subtrees stay together."""
-    children: dict[int, list[int]] = {}
-    for j, p in enumerate(parent):
-        children.setdefault(int(p), []).append(j)
-    order: list[int] = []
-    stack = list(reversed(children.get(-1, [])))
-    while stack:
-        j = stack.pop()
-        order.append(j)
-        stack.extend(reversed(children.get(j, [])))
-    return np.array(order, dtype=np.int64)

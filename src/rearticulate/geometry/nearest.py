@@ -19,6 +19,13 @@ def nearest(tree: KDTree, points: Array, k: int = 1, within: float = np.inf) -> 
     return tree.query(points, k=k, distance_upper_bound=within)  # type: ignore[return-value]
 
 
+def contact(a: Array, b: Array, pairs: int) -> Array:
+    """(3,) where two clouds meet: middle of the points of a (n, 3) nearest to b (m, 3) and of their partners."""
+    d, j = nearest(KDTree(b), a)
+    near = np.argsort(d, kind="stable")[:pairs]
+    return (a[near] + b[j[near]]).mean(axis=0) / 2
+
+
 @numba.njit(cache=True, nogil=True)
 def _farthest(points, first, count):
     chosen = np.empty(count, dtype=np.int64)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from rearticulate.records import FitResult, KinematicModel, Metric, PointSequence
+from rearticulate.records import FitResult, KinematicModel, PointSequence
 
 
 @dataclass(frozen=True)
@@ -158,11 +157,6 @@ def result_as_dict(result: FitResult) -> dict[str, Any]:
     out["seconds"] = {s.name: s.seconds for s in result.stages}
     out["seed"] = result.seed
     return out
-
-
-def metrics_as_dict(metrics: Sequence[Metric]) -> dict[str, Any]:
-    """key -> value, unit and direction."""
-    return {m.key: {"value": m.value, "unit": m.unit, "better": m.better} for m in metrics}
 
 
 def jsonable(value: Any) -> Any:
