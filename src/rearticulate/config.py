@@ -123,6 +123,9 @@ class ProjectConfig:
     gap_series: float = 4.0  # two joints in series are tried for parts nearer than this
     gap_weight: float = 0.35
     series_cost: float = 2.0  # what a second joint costs in the spanning tree
+    link_reach: float = 12.0  # a hidden link starts with the points of the part that hangs on it within this reach
+    link_share: float = 0.4  # ... but with at most this share of them
+    weld: float = 1.0  # a joint that the others make up for to this misfit is put to the test of the energy
     small_part: float = 0.04  # share of the points below which a part may become a link of a chain
     off_root: float = 0.7  # what a joint between two moving parts costs more: it must explain more than one on the root
     prismatic_margin: float = 6.0  # extra chi-square at which a slide is still preferred to a turn
@@ -141,6 +144,7 @@ class SeamConfig:
     peak: float = 2.0  # a face has this many times the usual number of points
     doubt: float = 4.0  # a point with more evidence than this against the cut stays where it is
     sacrifice: float = 1.7  # evidence a changed point may give up on average, for ten frames
+    misfit: float = 0.1  # ... and growth of their misfit to the other frames
     minimum_support: float = 5.0  # a link with fewer points a frame may claim points near the gap it bridges
     link_reach: float = 12.0
 

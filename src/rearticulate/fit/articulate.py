@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 from rearticulate.config import FitConfig
 from rearticulate.fit.articulated import Articulated
 from rearticulate.fit.bundle import bundle_adjust
-from rearticulate.fit.energy import energy
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.joint_repair import repair_joints
 from rearticulate.fit.labels import Labeller
@@ -18,12 +18,16 @@ from rearticulate.fit.project import merge_resting, project
 from rearticulate.fit.relaxed import Relaxed, drop_small, register_to_fused
 from rearticulate.fit.repair import repair_poses
 from rearticulate.fit.seams import cut_seams
+from rearticulate.fit.simplify import simplify
 from rearticulate.fit.trial import trial_merge
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
-LOOKS = 5
+LOOKS = 4
+ROUNDS = 4  # of motions and labels, at most
+SETTLED = 0.015  # share of points that change their label in the last round
+WORTH = 1e-3  # a look that lowers the energy by less is the last
 SIGMA_WIDE, SIGMA = 1.5, 0.56
 
 
@@ -43,30 +47,57 @@ def articulate(
     """
     model = merge_resting(frames, canonical, relaxed, config.project)
     tree, labels, failing = project(frames, canonical, model, config.project, rng)
-    best: tuple[float, Articulated, IntArray] | None = None
+    best: Look | None = None
     for look in range(LOOKS):
         progress("articulate", look / LOOKS)
         if best is not None:
-            tree, labels, failing = restructure(frames, canonical, best[1], best[2], relaxed, config, rng)
-        belief: Array | None = None
-        for i in range(2):
-            tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA_WIDE, SIGMA) if look == i == 0 else (SIGMA,))
-            parts, belief = labeller.fine(Relaxed(tree.forward(), labels), belief)
-            labels = cut_seams(frames, tree, parts.labels, config.label, config.seam, only_empty=True)
-        tree, _ = repair_joints(frames, canonical, tree, labels, config.repair, rng)
-        tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,))
-        value = energy(frames, tree.forward(), labels)
-        if best is None or value < best[0]:
-            best = value, tree, labels
-        if look > 0 and failing == 0:
+            tree, labels, failing = restructure(frames, canonical, best.tree, best.labels, relaxed, config, rng)
+        new = adjust(frames, canonical, tree, labels, labeller, config, rng)
+        gain = np.inf if best is None else best.energy - new.energy
+        best = new if gain > 0 else best
+        if look > 0 and (failing == 0 or gain < WORTH):
             break
     assert best is not None
-    _, tree, labels = best
-    parts, _ = labeller.fine(Relaxed(tree.forward(), labels), None)
+    tree = best.tree
+    parts, belief = labeller.fine(Relaxed(tree.forward(), best.labels), None)
+    parts, _ = labeller.fine(parts, belief)
     labels = cut_seams(frames, tree, parts.labels, config.label, config.seam)
     tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,), stride=1)
     progress("articulate", 1.0)
     return tree, labels
+
+
+@dataclass(frozen=True)
+class Look:
+    """One structure, adjusted to the points: the tree, the labels (M,) and the energy."""
+
+    tree: Articulated
+    labels: IntArray
+    energy: float
+
+
+def adjust(
+    frames: Frames,
+    canonical: int,
+    tree: Articulated,
+    labels: IntArray,
+    labeller: Labeller,
+    config: FitConfig,
+    rng: np.random.Generator,
+) -> Look:
+    """Motions and labels in turn under a given structure; lost frames are repaired in joint space."""
+    belief: Array | None = None
+    for i in range(ROUNDS):
+        tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA_WIDE, SIGMA) if i == 0 else (SIGMA,))
+        parts, belief = labeller.fine(Relaxed(tree.forward(), labels), belief)
+        changed = np.mean(parts.labels != labels)
+        labels = cut_seams(frames, tree, parts.labels, config.label, config.seam, only_empty=True)
+        if i > 0 and changed < SETTLED:
+            break
+    tree, _ = repair_joints(frames, canonical, tree, labels, config.repair, rng)
+    tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,))
+    tree, labels, value = simplify(frames, canonical, tree, labels, config.project)
+    return Look(tree, labels, value)
 
 
 def restructure(

@@ -1,4 +1,5 @@
-"""Kinematic bundle adjustment: the tree of screws, all joint values and root poses against all points at once."""
+"""Kinematic adjustment of the tree of screws, all joint values and root poses at once: against free poses with their
+information (cheap, no search for neighbours), then against all points (bundle adjustment)."""
 
 from __future__ import annotations
 
@@ -9,13 +10,39 @@ from rearticulate.fit.articulated import Articulated, gauss_newton_step
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.register import geman_mcclure, match, normal_equations
 from rearticulate.fit.relaxed import CONVERGED, fuse, fused_equations
-from rearticulate.geometry.se3 import rotate, transform
+from rearticulate.geometry.se3 import inverse, log_se3, rotate, transform
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
-
-
 INNER = 4
+POSE_STEPS = 15
+POSE_SIGMA = 1.0  # robust scale of a part's misfit to its free pose, in spacings
+
+
+def adjust_to_poses(
+    model: Articulated, canonical: int, part: IntArray, T: Array, H: Array, sigma: float = POSE_SIGMA
+) -> tuple[Articulated, Array]:
+    """The tree that agrees best with K observed poses T (F, K, 4, 4) of parts part (K,) under information H.
+
+    Joints fitted pair by pair disagree along a chain; here they are made consistent. An observation that no tree
+    reaches (a lost part) loses its weight. Returns the best iterate and its misfit (F, K) in spacings squared.
+    """
+    points = np.trace(H[..., 3:, 3:], axis1=-2, axis2=-1) / 1.1 + 1e-9
+    n_frames, P = len(T), model.n_parts
+    best, lowest, misfit = model, np.inf, np.zeros(points.shape)
+    for i in range(POSE_STEPS + 1):
+        e = log_se3(model.forward()[:, part] @ inverse(T))
+        squared = np.einsum("fki,fkij,fkj->fk", e, H, e) / points
+        cost = float((points * squared / (squared + sigma**2)).sum())
+        if i > 0 and cost > (1 - 1e-3) * lowest:
+            break
+        best, lowest, misfit = model, cost, squared
+        w = geman_mcclure(squared, sigma)[..., None]
+        H_part, g_part = np.zeros((n_frames, P, 6, 6)), np.zeros((n_frames, P, 6))
+        np.add.at(H_part, (slice(None), part), w[..., None] * H)
+        np.add.at(g_part, (slice(None), part), w * (H @ e[..., None])[..., 0])
+        model = gauss_newton_step(model, canonical, H_part, g_part)
+    return best, misfit
 
 
 def canonical_equations(

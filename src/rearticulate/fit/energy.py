@@ -16,17 +16,24 @@ IntArray = NDArray[np.integer]
 PER_JOINT = 0.002  # what a joint must earn: an empty joint must not win by chance
 
 
-def point_misfit(frames: Frames, T: Array, labels: IntArray, limit: int = 12) -> Array:
-    """(M,) mean over the target frames of a point's capped distance and plane distance, in spacings."""
-    z = transform(inverse(T)[frames.frame, labels], frames.points)
+def point_misfit(
+    frames: Frames, T: Array, labels: IntArray, rows: IntArray | None = None, limit: int = 12
+) -> Array:
+    """(n,) mean over the target frames of a point's capped distance and plane distance, in spacings.
+
+    rows (n,): the points that are asked, all by default; labels (n,): theirs.
+    """
+    rows = np.arange(len(frames.points)) if rows is None else rows
+    frame = frames.frame[rows]
+    z = transform(inverse(T)[frame, labels], frames.points[rows])
     total, count = np.zeros(len(z)), np.zeros(len(z))
     for f in evidence_frames(frames.n_frames, limit):
-        rows = np.flatnonzero(frames.frame != f)
-        y = transform(T[f, labels[rows]], z[rows])
+        away = np.flatnonzero(frame != f)
+        y = transform(T[f, labels[away]], z[away])
         d, j = nearest(frames.trees[f], y)
         r = np.abs(np.einsum("ij,ij->i", y - frames.trees[f].data[j], frames.normals[frames.rows(f)][j]))
-        total[rows] += np.minimum(d, 1.6) + 0.25 * np.minimum(r / 0.28, 3.0)
-        count[rows] += 1
+        total[away] += np.minimum(d, 1.6) + 0.25 * np.minimum(r / 0.28, 3.0)
+        count[away] += 1
     return total / np.maximum(count, 1)
 
 

@@ -16,6 +16,7 @@ from scipy.spatial import KDTree
 
 from rearticulate.config import ProjectConfig
 from rearticulate.fit.articulated import Articulated
+from rearticulate.fit.bundle import adjust_to_poses
 from rearticulate.fit.chains import ChainFit, fit_prismatic, fit_revolute, fit_series, relative_motion, rest_cost
 from rearticulate.fit.cluster import adjacent_labels
 from rearticulate.fit.frames import Frames
@@ -229,6 +230,17 @@ def hidden_links(
     return (two, x2, contact) if x2 < config.gain * x1 else (None, x1, contact)
 
 
+def near_contact(z: Array, contact: Array, inside: NDArray[np.bool_], config: ProjectConfig) -> NDArray[np.bool_]:
+    """(M,) the points of a part that a hidden link starts with: near the contact, but not most of the part.
+
+    The link must begin with too many points: while they pull at the part they really belong to, the joints of the
+    chain are biased, and a link with few points loses them all to it.
+    """
+    d = np.linalg.norm(z - contact, axis=1)
+    reach = min(config.link_reach, float(np.quantile(d[inside], config.link_share)))
+    return inside & (d < reach)
+
+
 def project(
     frames: Frames, canonical: int, model: Relaxed, config: ProjectConfig, rng: np.random.Generator
 ) -> tuple[Articulated, IntArray, int]:
@@ -258,16 +270,16 @@ def project(
         if chain is None:
             continue
         k = chain.twist.shape[0]
-        near = np.linalg.norm(z - contact, axis=1) < 2.8
+        near = near_contact(z, contact, model.labels == c, config)
         above = link.parent
         for i in range(k - 1):
             links[n_links] = Link(n_links, above, chain.twist[i], chain.q[:, i], True)
             above = n_links
             n_links += 1
-        labels[near & (model.labels == link.parent)] = n_links - (k - 1)
-        labels[near & (model.labels == c)] = n_links - 1
+        labels[near] = n_links - 1
         links[c] = Link(c, above, chain.twist[k - 1], chain.q[:, k - 1], True)
     tree, number = _assemble(list(links.values()), model.T[:, root], root, n_links, labels)
+    tree, _ = adjust_to_poses(tree, canonical, number[:P], model.T, evidence.H)
     failing = sum(x[c] > config.joint and r[c] > config.joint_rms for c in x)
     return tree, number[labels], failing
 

@@ -13,6 +13,7 @@ from scipy.spatial import KDTree
 
 from rearticulate.config import LabelConfig, SeamConfig
 from rearticulate.fit.articulated import Articulated
+from rearticulate.fit.energy import point_misfit
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.labels import candidate_parts, sheet_evidence
 from rearticulate.fit.relaxed import to_canonical
@@ -90,10 +91,16 @@ def cut_seams(
     for j in joints:
         p = int(tree.parent[j])
         zone = np.flatnonzero(((labels == j) | (labels == p)) & candidates[:, j] & candidates[:, p])
-        if len(zone) >= config.minimum_points:
-            labels[zone] = _cut(
-                z[zone], labels[zone], U[zone, p] - U[zone, j], int(j), p, tree.twist[j, :3], limit, config
-            )
+        if len(zone) < config.minimum_points:
+            continue
+        new = _cut(z[zone], labels[zone], U[zone, p] - U[zone, j], int(j), p, tree.twist[j, :3], limit, config)
+        changed = zone[new != labels[zone]]
+        if len(changed) and not empty[[j, p]].any():
+            other = np.where(labels[changed] == j, p, j)
+            worse = point_misfit(frames, T, other, changed) - point_misfit(frames, T, labels[changed], changed)
+            if worse.mean() > config.misfit:
+                continue
+        labels[zone] = new
     return labels
 
 
