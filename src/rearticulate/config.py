@@ -103,6 +103,8 @@ class LabelConfig:
     sheet_neighbours: int = 64
     sheet_tries: int = 28
     sheet_thickness: float = 0.093
+    certain: float = 0.99  # a point that was this sure of its part ...
+    certain_radius: float = 2.0  # ... has only candidates that are nearer than this
     sheet_thickness_noise: float = 0.0  # times the measured plane noise
     sheet_curvature: float = 0.008  # thickness grows by this times the squared distance, per spacing
 
@@ -123,7 +125,8 @@ class ProjectConfig:
     gap_series: float = 4.0  # two joints in series are tried for parts nearer than this
     gap_weight: float = 0.35
     series_cost: float = 2.0  # what a second joint costs in the spanning tree
-    link_reach: float = 12.0  # a hidden link starts with the points of the part that hangs on it within this reach
+    link_near: float = 4.0  # a hidden link starts with the points of the part that hangs on it within this reach
+    link_far: float = 12.0  # ... or within this one
     link_share: float = 0.4  # ... but with at most this share of them
     weld: float = 1.0  # a joint that the others make up for to this misfit is put to the test of the energy
     small_part: float = 0.04  # share of the points below which a part may become a link of a chain

@@ -14,7 +14,8 @@ from rearticulate.fit.bundle import bundle_adjust
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.joint_repair import repair_joints
 from rearticulate.fit.labels import Labeller
-from rearticulate.fit.project import merge_resting, project
+from rearticulate.fit.energy import energy
+from rearticulate.fit.project import Projection, merge_resting, project
 from rearticulate.fit.relaxed import Relaxed, drop_small, register_to_fused
 from rearticulate.fit.repair import repair_poses
 from rearticulate.fit.seams import cut_seams
@@ -46,16 +47,16 @@ def articulate(
     Returns the model and the labels (M,) of all points.
     """
     model = merge_resting(frames, canonical, relaxed, config.project)
-    tree, labels, failing = project(frames, canonical, model, config.project, rng)
+    start = project(frames, canonical, model, config.project, rng)
     best: Look | None = None
     for look in range(LOOKS):
         progress("articulate", look / LOOKS)
         if best is not None:
-            tree, labels, failing = restructure(frames, canonical, best.tree, best.labels, relaxed, config, rng)
-        new = adjust(frames, canonical, tree, labels, labeller, config, rng)
+            start = restructure(frames, canonical, best.tree, best.labels, relaxed, config, rng)
+        new = adjust(frames, canonical, start, labeller, config, rng)
         gain = np.inf if best is None else best.energy - new.energy
         best = new if gain > 0 else best
-        if look > 0 and (failing == 0 or gain < WORTH):
+        if gain < WORTH:
             break
     assert best is not None
     tree = best.tree
@@ -79,25 +80,49 @@ class Look:
 def adjust(
     frames: Frames,
     canonical: int,
-    tree: Articulated,
-    labels: IntArray,
+    start: Projection,
     labeller: Labeller,
     config: FitConfig,
     rng: np.random.Generator,
 ) -> Look:
     """Motions and labels in turn under a given structure; lost frames are repaired in joint space."""
-    belief: Array | None = None
-    for i in range(ROUNDS):
-        tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA_WIDE, SIGMA) if i == 0 else (SIGMA,))
+    looks = []
+    for labels in start.starts:
+        tree = bundle_adjust(frames, canonical, start.tree, labels, (SIGMA_WIDE, SIGMA))
+        looks.append(alternate(frames, canonical, tree, labels, labeller, config, 2))
+    look = looks[0] if len(looks) == 1 else min(looks, key=lambda k: energy(frames, k.tree.forward(), k.labels))
+    look = alternate(frames, canonical, look.tree, look.labels, labeller, config, ROUNDS - 2, look.belief)
+    tree, _ = repair_joints(frames, canonical, look.tree, look.labels, config.repair, rng)
+    tree = bundle_adjust(frames, canonical, tree, look.labels, (SIGMA,))
+    return Look(*simplify(frames, canonical, tree, look.labels, config.project))
+
+
+@dataclass(frozen=True)
+class Alternation:
+    tree: Articulated
+    labels: IntArray
+    belief: Array | None
+
+
+def alternate(
+    frames: Frames,
+    canonical: int,
+    tree: Articulated,
+    labels: IntArray,
+    labeller: Labeller,
+    config: FitConfig,
+    rounds: int,
+    belief: Array | None = None,
+) -> Alternation:
+    """Labels and motions in turn."""
+    for _ in range(rounds):
         parts, belief = labeller.fine(Relaxed(tree.forward(), labels), belief)
         changed = np.mean(parts.labels != labels)
         labels = cut_seams(frames, tree, parts.labels, config.label, config.seam, only_empty=True)
-        if i > 0 and changed < SETTLED:
+        tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,))
+        if changed < SETTLED:
             break
-    tree, _ = repair_joints(frames, canonical, tree, labels, config.repair, rng)
-    tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,))
-    tree, labels, value = simplify(frames, canonical, tree, labels, config.project)
-    return Look(tree, labels, value)
+    return Alternation(tree, labels, belief)
 
 
 def restructure(
@@ -108,7 +133,7 @@ def restructure(
     relaxed: Relaxed,
     config: FitConfig,
     rng: np.random.Generator,
-) -> tuple[Articulated, IntArray, int]:
+) -> Projection:
     """A second look with accurate motions: links without points go, parts move freely again, the tree is built anew."""
     model = drop_small(frames, Relaxed(tree.forward(), labels), config.label.minimum_support)
     rows = frames.rows(canonical)

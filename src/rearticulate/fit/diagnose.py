@@ -98,10 +98,11 @@ def visibility(tree: Articulated, fused: Fused, j: int) -> float:
     """
     axis = tree.axes[j]
     foot = np.cross(axis, tree.twist[j, 3:]) if tree.revolute[j] else np.zeros(3)
-    beyond = np.isin(fused.labels, subtree(tree.parent, j))
+    surface = fused.z[fused.surface]
+    beyond = np.isin(fused.labels[fused.surface], subtree(tree.parent, j))
     shares = []
     for side in (beyond, ~beyond):
-        z, n = fused.z[side], fused.normals[side]
+        z, n = surface[side], fused.normals[side]
         motion = np.cross(axis, z - foot) if tree.revolute[j] else np.broadcast_to(axis, z.shape)
         if len(z):
             shares.append((np.einsum("ij,ij->i", n, motion) ** 2).mean() / (motion**2).sum(axis=1).mean())

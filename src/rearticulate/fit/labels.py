@@ -62,13 +62,16 @@ def spatial_graph(frames: Frames, k: int, scale: float, offset_scale: float) -> 
     return Graph(np.concatenate(neighbour), np.concatenate(weight))
 
 
-def temporal_graph(frames: Frames, T: Array, labels: IntArray, targets: list[int], scale: float) -> Graph:
-    """The nearest point of every target frame under the current label; weight 0 within the own frame."""
+def temporal_graph(
+    frames: Frames, T: Array, labels: IntArray, asked: NDArray[np.bool_], targets: list[int], scale: float
+) -> Graph:
+    """The nearest point of every target frame under the current label, for the points asked (M,); weight 0 within the
+    own frame."""
     z = transform(inverse(T)[frames.frame, labels], frames.points)
     neighbour = np.zeros((len(z), len(targets)), dtype=np.int64)
     weight = np.zeros((len(z), len(targets)))
     for k, f in enumerate(targets):
-        rows = np.flatnonzero(frames.frame != f)
+        rows = np.flatnonzero(asked & (frames.frame != f))
         d, j = nearest(frames.trees[f], transform(T[f, labels[rows]], z[rows]))
         neighbour[rows, k] = j + frames.start[f]
         weight[rows, k] = np.exp(-((d / scale) ** 2))
@@ -86,16 +89,14 @@ def candidate_parts(frames: Frames, labels: IntArray, P: int, radius: float) -> 
     return out
 
 
-def _doubtful(candidates: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
-    """(point, part) for every candidate of the points that have more than one."""
-    several = candidates.sum(axis=1) > 1
-    point, part = np.nonzero(candidates & several[:, None])
-    return point, part
+def doubtful(candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(M,) points with more than one candidate."""
+    return candidates.sum(axis=1) > 1
 
 
 def nearest_evidence(frames: Frames, T: Array, candidates: NDArray[np.bool_], targets: list[int]) -> Array:
     """(M, P) mean misfit of a point to the target frames under each candidate part; IMPOSSIBLE elsewhere."""
-    point, part = _doubtful(candidates)
+    point, part = np.nonzero(candidates & doubtful(candidates)[:, None])
     z = transform(inverse(T)[frames.frame[point], part], frames.points[point])
     total, count = np.zeros(len(point)), np.zeros(len(point))
     for f in targets:
@@ -150,7 +151,8 @@ def _sheet_support(x, y, weight, start, neighbour, thickness, curvature, tries):
 
 
 def sheet_evidence(
-    frames: Frames, T: Array, candidates: NDArray[np.bool_], belief: Array | None, config: LabelConfig, thickness: float
+    frames: Frames, T: Array, candidates: NDArray[np.bool_], belief: Array | None, config: LabelConfig, thickness: float,
+    open_: NDArray[np.bool_] | None = None,
 ) -> Array:
     """(M, P) minus the support of the sheet through a point under each candidate part; IMPOSSIBLE elsewhere.
 
@@ -160,8 +162,9 @@ def sheet_evidence(
     z = transform(inverse(T)[frames.frame[point], part], frames.points[point])
     weight = np.ones(len(z)) if belief is None else 0.5 + 0.5 * belief[point, part]
     keyed = np.column_stack([z, APART * part])
-    asked = np.flatnonzero((candidates.sum(axis=1) > 1)[point])
-    out = np.where(candidates, 0.0, IMPOSSIBLE)
+    open_ = candidates if open_ is None else candidates & open_
+    asked = np.flatnonzero(doubtful(open_)[point] & open_[point, part])
+    out = np.where(open_, 0.0, IMPOSSIBLE)
     if len(asked) == 0:
         return out
     k = min(config.sheet_neighbours, len(z))
@@ -222,15 +225,15 @@ class Labeller:
         self.targets = evidence_frames(frames.n_frames, config.evidence_frames)
         self.space = spatial_graph(frames, config.neighbours, config.space_scale, config.offset_scale)
 
-    def _time(self, T: Array, labels: IntArray) -> Graph:
-        return temporal_graph(self.frames, T, labels, self.targets, self.config.time_scale)
+    def _time(self, T: Array, labels: IntArray, candidates: NDArray[np.bool_]) -> Graph:
+        return temporal_graph(self.frames, T, labels, doubtful(candidates), self.targets, self.config.time_scale)
 
     def coarse(self, model: Relaxed, radius: float) -> Relaxed:
         """Labels by nearest-point evidence; parts that end with too few points are dissolved, smallest first."""
         while True:
             candidates = candidate_parts(self.frames, model.labels, model.n_parts, radius)
             U = self.config.nearest_weight * nearest_evidence(self.frames, model.T, candidates, self.targets)
-            graph = Graph(self.space.neighbour, 0.5 * self.space.weight).join(self._time(model.T, model.labels), 1.0)
+            graph = Graph(self.space.neighbour, 0.5 * self.space.weight).join(self._time(model.T, model.labels, candidates), 1.0)
             model = Relaxed(model.T, mean_field(U, graph).argmax(axis=1))
             counts = model.counts()
             if counts.min() >= self.config.minimum_points or model.n_parts == 1:
@@ -238,12 +241,21 @@ class Labeller:
             model = drop_small(self.frames, model, np.nextafter(counts.min(), np.inf))
 
     def fine(self, model: Relaxed, belief: Array | None, noise: float = 0.0) -> tuple[Relaxed, Array]:
-        """Labels by sheet evidence, and the belief (M, P) for the next call. noise: plane noise of the data."""
+        """Labels by sheet evidence, and the belief (M, P) for the next call. noise: plane noise of the data.
+
+        A point whose part was certain in the last call keeps it.
+        """
         config = self.config
         thickness = max(config.sheet_thickness, config.sheet_thickness_noise * noise)
         candidates = candidate_parts(self.frames, model.labels, model.n_parts, config.sheet_candidates)
-        U = sheet_evidence(self.frames, model.T, candidates, belief, config, thickness)
+        certain = np.zeros_like(candidates)
+        if belief is not None:
+            own = np.eye(model.n_parts, dtype=bool)[model.labels]
+            near = candidate_parts(self.frames, model.labels, model.n_parts, config.certain_radius)
+            certain = candidates & ~(near | own | (belief[own] < config.certain)[:, None])
+        U = sheet_evidence(self.frames, model.T, candidates, belief, config, thickness, ~certain)
+        candidates &= ~certain
         belief = mean_field(U, self.space)
-        graph = self.space.join(self._time(model.T, belief.argmax(axis=1)), 0.5)
+        graph = self.space.join(self._time(model.T, belief.argmax(axis=1), candidates), 0.5)
         belief = mean_field(U, graph)
         return Relaxed(model.T, belief.argmax(axis=1)), belief

@@ -230,27 +230,37 @@ def hidden_links(
     return (two, x2, contact) if x2 < config.gain * x1 else (None, x1, contact)
 
 
-def near_contact(z: Array, contact: Array, inside: NDArray[np.bool_], config: ProjectConfig) -> NDArray[np.bool_]:
-    """(M,) the points of a part that a hidden link starts with: near the contact, but not most of the part.
-
-    The link must begin with too many points: while they pull at the part they really belong to, the joints of the
-    chain are biased, and a link with few points loses them all to it.
-    """
+def near_contact(
+    z: Array, contact: Array, inside: NDArray[np.bool_], reach: float, share: float
+) -> NDArray[np.bool_]:
+    """(M,) the points of a part that a hidden link starts with: near the contact, and at most a share of the part."""
     d = np.linalg.norm(z - contact, axis=1)
-    reach = min(config.link_reach, float(np.quantile(d[inside], config.link_share)))
-    return inside & (d < reach)
+    return inside & (d < min(reach, float(np.quantile(d[inside], share))))
+
+
+@dataclass(frozen=True)
+class Projection:
+    """A tree, labels (M,) to start from and how many joints still fail their test.
+
+    Hidden links get their first points from the part that hangs on them, few or many: a large link with few points
+    loses them all while the joints of its chain are biased by the points it lacks; a small one with too many follows
+    the wrong part. Both are starts.
+    """
+
+    tree: Articulated
+    starts: tuple[IntArray, ...]
+    failing: int
 
 
 def project(
     frames: Frames, canonical: int, model: Relaxed, config: ProjectConfig, rng: np.random.Generator
-) -> tuple[Articulated, IntArray, int]:
-    """The tree of joints of the relaxed model, the labels (M,) with any hidden links given their first points, and
-    how many joints still fail their test."""
+) -> Projection:
+    """The tree of joints of the relaxed model."""
     evidence = gather_evidence(frames, canonical, model, config)
     P = model.n_parts
     root = choose_root(frames, canonical, model, config)
     if P == 1:
-        return _assemble([], model.T[:, root], root, 1, model.labels)[0], np.zeros_like(model.labels), 0
+        return Projection(_assemble([], model.T[:, root], root, 1)[0], (np.zeros_like(model.labels),), 0)
     parent, order = spanning_tree(tree_costs(evidence, P, root, config, rng), root)
     child = order[1:]
     joints = fit_joints(evidence, child, parent[child], config)
@@ -262,26 +272,28 @@ def project(
     x = {int(c): float(x1[i]) for i, c in enumerate(child)}
     r = {int(c): float(rms[i]) for i, c in enumerate(child)}
     _replace_small_middles(evidence, model, links, x, config)
-    labels, n_links = model.labels.copy(), P
-    z = evidence.fused.z
+    n_links = P
+    reaches = (config.link_near, config.link_far)
+    starts = [model.labels.copy() for _ in reaches]
     for c in [int(c) for c in child]:
         link = links[c]
         chain, x[c], contact = hidden_links(evidence, c, link.parent, x[c], r[c], config)
         if chain is None:
             continue
         k = chain.twist.shape[0]
-        near = near_contact(z, contact, model.labels == c, config)
+        for labels, reach in zip(starts, reaches, strict=True):
+            near = near_contact(evidence.fused.z, contact, model.labels == c, reach, config.link_share)
+            labels[near] = n_links + k - 2
         above = link.parent
         for i in range(k - 1):
             links[n_links] = Link(n_links, above, chain.twist[i], chain.q[:, i], True)
             above = n_links
             n_links += 1
-        labels[near] = n_links - 1
         links[c] = Link(c, above, chain.twist[k - 1], chain.q[:, k - 1], True)
-    tree, number = _assemble(list(links.values()), model.T[:, root], root, n_links, labels)
+    tree, number = _assemble(list(links.values()), model.T[:, root], root, n_links)
     tree, _ = adjust_to_poses(tree, canonical, number[:P], model.T, evidence.H)
     failing = sum(x[c] > config.joint and r[c] > config.joint_rms for c in x)
-    return tree, number[labels], failing
+    return Projection(tree, tuple(number[labels] for labels in starts[: 1 if n_links == P else 2]), failing)
 
 
 def _replace_small_middles(
@@ -304,7 +316,7 @@ def _replace_small_middles(
             x[v] = x[a] = x2
 
 
-def _assemble(links: list[Link], T_root: Array, root: int, P: int, labels: IntArray) -> tuple[Articulated, IntArray]:
+def _assemble(links: list[Link], T_root: Array, root: int, P: int) -> tuple[Articulated, IntArray]:
     """Number the parts parents first. Returns the tree and the new number of every old part."""
     by_parent: dict[int, list[Link]] = {}
     for link in links:

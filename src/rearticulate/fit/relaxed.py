@@ -18,6 +18,7 @@ IntArray = NDArray[np.integer]
 
 CONVERGED = 5e-3  # a step that moves less than this many spacings is the last
 APART = 1e4  # distance between the clouds of different parts in the 4D tree of `Fused`
+FUSED_FRAMES = 5  # the dense cloud holds about as many points as this many frames
 
 
 @dataclass(frozen=True)
@@ -85,32 +86,40 @@ def drop_small(frames: Frames, model: Relaxed, minimum: float) -> Relaxed:
 class Fused:
     """All frames' points in the canonical frame, searchable within one part at a time.
 
-    z (M, 3), normals (M, 3), labels (M,), frame (M,); tree over (z, APART * label).
+    z (M, 3), labels (M,), frame (M,). surface (K,): rows of an even sample of them, with normals (K, 3); tree over
+    (z, APART * label) of the sample.
     """
 
     z: Array
-    normals: Array
     labels: IntArray
     frame: IntArray
+    surface: IntArray
+    normals: Array
     tree: KDTree
 
-    def nearest_of_other_frames(self, y: Array, label: IntArray, frame: IntArray, k: int = 6) -> tuple[Array, IntArray]:
-        """Distance and row of the nearest fused point of the same part that comes from another frame (inf if none)."""
+    def nearest_of_other_frames(
+        self, y: Array, label: IntArray, frame: IntArray, k: int = 6
+    ) -> tuple[Array, Array, Array]:
+        """Nearest surface point z (n, 3) of the same part that comes from another frame, its normal and the distance
+        (inf if there is none)."""
         d, j = nearest(self.tree, np.column_stack([y, APART * label]), k=k)
-        d = np.where((self.frame[np.minimum(j, len(self.z) - 1)] == frame[:, None]) | (d > APART / 2), np.inf, d)
-        best = d.argmin(axis=1)
+        j = np.minimum(j, len(self.surface) - 1)
+        d = np.where((self.frame[self.surface[j]] == frame[:, None]) | (d > APART / 2), np.inf, d)
         rows = np.arange(len(y))
-        return d[rows, best], np.minimum(j[rows, best], len(self.z) - 1)
+        best = d.argmin(axis=1)
+        j, d = j[rows, best], d[rows, best]
+        return self.z[self.surface[j]], self.normals[j], d
 
 
 def fuse(frames: Frames, T: Array, labels: IntArray, neighbours: int = 16) -> Fused:
     """Bring all points to the canonical frame; normals from the dense fused cloud of each part."""
     z = to_canonical(frames, T, labels)
-    keyed = np.column_stack([z, APART * labels])
+    surface = np.arange(0, len(z), max(1, frames.n_frames // FUSED_FRAMES))
+    keyed = np.column_stack([z, APART * labels])[surface]
     tree = KDTree(keyed)
-    d, j = nearest(tree, keyed, k=min(neighbours, len(z)))
+    d, j = nearest(tree, keyed, k=min(neighbours, len(keyed)))
     j = np.where(d < APART / 2, j, j[:, :1])
-    return Fused(z, smallest_direction(z[j]), labels, frames.frame, tree)
+    return Fused(z, labels, frames.frame, surface, smallest_direction(z[surface][j]), tree)
 
 
 def register_to_frames(frames: Frames, canonical: int, model: Relaxed, schedule: Schedule) -> Relaxed:
@@ -137,9 +146,8 @@ def fused_equations(
     rows = np.flatnonzero(frames.frame != canonical)[::stride]
     labels, frame = fused.labels[rows], frames.frame[rows]
     y = transform(T_back[frame, labels], frames.points[rows])
-    d, j = fused.nearest_of_other_frames(y, labels, frame)
+    z, n, d = fused.nearest_of_other_frames(y, labels, frame)
     found = d < max_distance
-    z, n = fused.z[j], fused.normals[j]
     r = np.einsum("ij,ij->i", y - z, n)
     d = np.where(found, d, 0.0)
     w = stride * geman_mcclure(r * r + 0.1 * d * d, sigma) * found

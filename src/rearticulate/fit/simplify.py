@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rearticulate.config import ProjectConfig
 from rearticulate.fit.articulated import Articulated
 from rearticulate.fit.bundle import adjust_to_poses, bundle_adjust
+from rearticulate.fit.cluster import adjacent_labels
 from rearticulate.fit.energy import energy
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.relaxed import fuse, fused_equations
@@ -26,16 +27,26 @@ TRIES = 3  # welds that are put to the test of the energy
 WIDE = 10.0  # robust scale of the misfit: none
 
 
-def weld(tree: Articulated, j: int) -> tuple[Articulated, IntArray]:
-    """The tree with part j made one with its parent, and the new number (P,) of every part."""
-    keep = np.delete(np.arange(tree.n_parts), j)
+def weld(tree: Articulated, j: int, k: int) -> tuple[Articulated, IntArray]:
+    """The tree with part j made one with part k (its parent or a child of the same parent), and the new number (P,) of
+    every part."""
+    parent = np.where(tree.parent == j, k, tree.parent)
+    order, queue = [], [0]
+    while queue:
+        order.append(queue.pop(0))
+        queue += [int(c) for c in np.flatnonzero(parent == order[-1]) if c != j]
+    keep = np.array(order)
     number = np.empty(tree.n_parts, dtype=np.int64)
     number[keep] = np.arange(len(keep))
-    number[j] = number[tree.parent[j]]
-    parent = np.where(tree.parent[keep] < 0, -1, number[tree.parent[keep]])
-    return replace(
-        tree, parent=parent, twist=tree.twist[keep], revolute=tree.revolute[keep], q=tree.q[:, keep]
-    ), number
+    number[j] = number[k]
+    smaller = replace(
+        tree,
+        parent=np.where(parent[keep] < 0, -1, number[parent[keep]]),
+        twist=tree.twist[keep],
+        revolute=tree.revolute[keep],
+        q=tree.q[:, keep],
+    )
+    return smaller, number
 
 
 @dataclass(frozen=True)
@@ -50,16 +61,21 @@ class Weld:
 def possible_welds(frames: Frames, canonical: int, tree: Articulated, labels: IntArray) -> list[Weld]:
     """The tree without one joint, for every joint, with the others adjusted to make up for it; least misfit first.
 
-    The misfit is a root mean square, in spacings, over the points of the smaller of the two welded parts.
+    A part joins its parent, or a part that touches it and hangs on the same parent. The misfit is a root mean square,
+    in spacings, over the points of the smaller of the two.
     """
     T = tree.forward()
     H, _ = fused_equations(frames, canonical, T, fuse(frames, T, labels), SIGMA)
     points = np.trace(H[..., 3:, 3:], axis1=-2, axis2=-1) / 1.1
+    rows = frames.rows(canonical)
+    touching = adjacent_labels(frames.points[rows], labels[rows])
+    pairs = [(j, int(tree.parent[j])) for j in range(1, tree.n_parts)]
+    pairs += [(b, a) for a, b in sorted(touching) if a > 0 and tree.parent[a] == tree.parent[b]]
     out = []
-    for j in range(1, tree.n_parts):
-        smaller, number = weld(tree, j)
+    for j, k in pairs:
+        smaller, number = weld(tree, j, k)
         smaller, misfit = adjust_to_poses(smaller, canonical, number, T, H, sigma=WIDE)
-        few = min(points[:, j].sum(), points[:, tree.parent[j]].sum())
+        few = min(points[:, j].sum(), points[:, k].sum())
         out.append(Weld(smaller, number, float(np.sqrt((misfit * points).sum() / (few + 1e-9)))))
     return sorted(out, key=lambda w: w.misfit)
 
