@@ -98,7 +98,7 @@ class Fused:
     tree: KDTree
 
     def nearest_of_other_frames(
-        self, y: Array, label: IntArray, frame: IntArray, k: int = 6
+        self, y: Array, label: IntArray, frame: IntArray, k: int = 4
     ) -> tuple[Array, Array, Array]:
         """Nearest surface point z (n, 3) of the same part that comes from another frame, its normal and the distance
         (inf if there is none)."""
