@@ -157,7 +157,7 @@ class FitConfig:
     """Everything a fit depends on besides the sequence and the seed."""
 
     working_points: int = 5000  # points a frame that take part in the fit; all are labelled
-    canonical_tries: int = 3  # frames from which the relaxed model is fitted
+    canonical_tries: int = 2  # frames from which the relaxed model is fitted
     canonical_fits: int = 2  # of these, the ones with the lowest energy get a tree; the lowest energy wins
     canonical_bias: float = 0.001  # energy that a canonical frame must save for every frame away from the middle
     track: TrackConfig = field(default_factory=TrackConfig)

@@ -25,7 +25,7 @@ from rearticulate.fit.trial import trial_merge
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
-LOOKS = 4
+LOOKS = 3
 ROUNDS = 4  # of motions and labels, at most
 SETTLED = 0.015  # share of points that change their label in the last round
 WORTH = 2e-3  # a look that lowers the energy by less is the last
@@ -89,9 +89,9 @@ def adjust(
     looks = []
     for labels in start.starts:
         tree = bundle_adjust(frames, canonical, start.tree, labels, (SIGMA_WIDE, SIGMA))
-        looks.append(alternate(frames, canonical, tree, labels, labeller, config, 1))
+        looks.append(alternate(frames, canonical, tree, labels, labeller, config, 2))
     look = looks[0] if len(looks) == 1 else min(looks, key=lambda k: energy(frames, k.tree.forward(), k.labels))
-    look = alternate(frames, canonical, look.tree, look.labels, labeller, config, ROUNDS - 1, look.belief)
+    look = alternate(frames, canonical, look.tree, look.labels, labeller, config, ROUNDS - 2, look.belief)
     tree, _ = repair_joints(frames, canonical, look.tree, look.labels, config.repair, rng)
     tree = bundle_adjust(frames, canonical, tree, look.labels, (SIGMA,))
     return Look(*simplify(frames, canonical, tree, look.labels, config.project))
