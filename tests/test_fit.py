@@ -21,7 +21,7 @@ from rearticulate.synth import objects
 from rearticulate.synth.articulated import ArticulatedObject, ObjectBuilder, record
 from rearticulate.synth.surfaces import box
 
-QUICK = FitConfig(canonical_tries=1, canonical_fits=1)
+QUICK = FitConfig(canonical_tries=1)
 
 
 def scores(result, truth, sequence):
@@ -169,9 +169,16 @@ def test_a_canonical_frame_that_does_not_exist(hinge, canonical):
 
 
 def test_canonical_frames_are_tried_from_the_middle():
-    assert canonical_frames(10, None, 3) == [5, 4, 6]
-    assert canonical_frames(2, None, 3) == [1, 0]
-    assert canonical_frames(10, 9, 3) == [9]
+    config = FitConfig()
+    assert canonical_frames([100] * 10, None, config) == [5, 4]
+    assert canonical_frames([100] * 4, None, config) == [2, 1, 3, 0]
+    assert canonical_frames([100] * 2, None, config) == [1, 0]
+    assert canonical_frames([100] * 10, 9, config) == [9]
+    assert canonical_frames([100] * 10, None, FitConfig(canonical_tries=1)) == [5]
+
+
+def test_a_frame_that_shows_half_the_object_is_no_canonical_frame():
+    assert canonical_frames([100] * 5 + [50] + [100] * 4, None, FitConfig()) == [4, 6]
 
 
 def test_large_frames_are_thinned_evenly():

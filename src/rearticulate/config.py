@@ -157,8 +157,8 @@ class FitConfig:
     """Everything a fit depends on besides the sequence and the seed."""
 
     working_points: int = 5000  # points a frame that take part in the fit; all are labelled
-    canonical_tries: int = 2  # frames from which the relaxed model is fitted
-    canonical_fits: int = 2  # of these, the ones with the lowest energy get a tree; the lowest energy wins
+    canonical_tries: int = 4  # frames from which the model is fitted, at most; the lowest energy wins
+    canonical_work: int = 20  # ... and two at least, but no more than make this many frames to register in all
     canonical_bias: float = 0.001  # energy that a canonical frame must save for every frame away from the middle
     track: TrackConfig = field(default_factory=TrackConfig)
     cluster: ClusterConfig = field(default_factory=ClusterConfig)

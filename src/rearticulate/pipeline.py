@@ -31,6 +31,8 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 Progress = Callable[[str, float], None]
 
+COMPLETE = 0.75  # share of the usual number of points that a canonical frame should have
+
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
@@ -88,13 +90,10 @@ def fit(
     clock("prepare", 1.0)
     solver = Solver(frames, labeller, config, seed, clock, store, fingerprint(sequence, config, seed))
     silent = dataclasses.replace(solver, clock=Clock(None))
-    tried = canonical_frames(F, canonical, config.canonical_tries)
-    starts = side_by_side(solver.relaxed, silent.relaxed, tried)
-    energies = {c: energy(frames, m.T, m.labels) for c, m in zip(tried, starts, strict=True)}
-    bias = {c: config.canonical_bias * abs(c - F // 2) for c in tried}
-    promising = sorted(zip(tried, starts, strict=True), key=lambda s: energies[s[0]] + bias[s[0]])
-    fits = side_by_side(solver.articulated, silent.articulated, promising[: config.canonical_fits])
-    best = min(fits, key=lambda t: t.energy + bias[t.canonical])
+    tried = canonical_frames([len(p) for p in sequence.points], canonical, config)
+    fits = side_by_side(solver.candidate, silent.candidate, tried)
+    energies = {t.canonical: t.energy for t in fits}
+    best = min(fits, key=lambda t: t.energy + config.canonical_bias * abs(t.canonical - F // 2))
     clock("finish", 0.0)
     result = to_result(sequence, chosen, frames, best, config, seed, energies)
     clock("finish", 1.0)
@@ -102,11 +101,17 @@ def fit(
     return dataclasses.replace(result, stages=stages)
 
 
-def canonical_frames(F: int, canonical: int | None, tries: int) -> list[int]:
-    """The frames to fit from: the middle one, with the shortest ways to both ends, and its neighbours."""
+def canonical_frames(counts: list[int], canonical: int | None, config: FitConfig) -> list[int]:
+    """The frames to fit from: the middle one, with the shortest ways to both ends, and its neighbours. Frames with
+    far fewer points than the others (counts) come last: what they do not show cannot be followed.
+
+    Two at least, to choose from; more of a short sequence, where each costs less and fewer frames say as much.
+    """
     if canonical is not None:
         return [canonical]
-    return sorted(range(F), key=lambda c: (abs(c - F // 2), c))[:tries]
+    F, enough = len(counts), COMPLETE * np.median(counts)
+    tries = min(config.canonical_tries, max(2, config.canonical_work // F))
+    return sorted(range(F), key=lambda c: (counts[c] < enough, abs(c - F // 2), c))[:tries]
 
 
 def working_rows(n: int, limit: int, rng: np.random.Generator) -> IntArray:
@@ -143,8 +148,8 @@ class Solver:
         self.store.save(f"relaxed-{canonical}", self.mark, {"T": model.T, "labels": model.labels})
         return model
 
-    def articulated(self, start: tuple[int, Relaxed]) -> Candidate:
-        canonical, relaxed = start
+    def candidate(self, canonical: int) -> Candidate:
+        relaxed = self.relaxed(canonical)
         saved = self.store.load(f"articulated-{canonical}", self.mark)
         if saved is None:
             rng = np.random.default_rng([self.seed, canonical, 1])
