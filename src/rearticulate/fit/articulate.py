@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from rearticulate.config import FitConfig
 from rearticulate.fit.articulated import Articulated
 from rearticulate.fit.bundle import bundle_adjust
+from rearticulate.fit.energy import energy
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.joint_repair import repair_joints
 from rearticulate.fit.labels import Labeller
-from rearticulate.fit.energy import energy
 from rearticulate.fit.project import Projection, merge_resting, project
 from rearticulate.fit.relaxed import Relaxed, drop_small, register_to_fused
 from rearticulate.fit.repair import repair_poses
@@ -26,7 +26,7 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 LOOKS = 3
-ROUNDS = 4  # of motions and labels, at most
+FIRST_ROUNDS, MORE_ROUNDS = 2, 2  # of labels and motions, at most: from every start, and from the better one
 SETTLED = 0.015  # share of points that change their label in the last round
 WORTH = 2e-3  # a look that lowers the energy by less is the last
 SIGMA_WIDE, SIGMA = 1.5, 0.56
@@ -41,21 +41,22 @@ def articulate(
     rng: np.random.Generator,
     progress: Callable[[str, float], None],
 ) -> tuple[Articulated, IntArray]:
-    """Tree, bundle adjustment, labels and repairs in turn; then a new look at the structure, until every joint passes
-    its test. The look with the lowest energy is kept.
+    """Tree, bundle adjustment, labels and repairs in turn; then a new look at the structure, as long as that lowers
+    the energy. The look with the lowest energy is kept.
 
     Returns the model and the labels (M,) of all points.
     """
     model = merge_resting(frames, canonical, relaxed, config.project)
     start = project(frames, canonical, model, config.project, rng)
-    best: Look | None = None
+    best, lowest = None, np.inf
     for look in range(LOOKS):
         progress("articulate", look / LOOKS)
         if best is not None:
             start = restructure(frames, canonical, best.tree, best.labels, relaxed, config, rng)
-        new = adjust(frames, canonical, start, labeller, config, rng)
-        gain = np.inf if best is None else best.energy - new.energy
-        best = new if gain > 0 else best
+        new, value = adjust(frames, canonical, start, labeller, config, rng)
+        gain = lowest - value
+        if gain > 0:
+            best, lowest = new, value
         if gain < WORTH:
             break
     assert best is not None
@@ -63,18 +64,21 @@ def articulate(
     parts, belief = labeller.fine(Relaxed(tree.forward(), best.labels), None)
     parts, _ = labeller.fine(parts, belief)
     labels = cut_seams(frames, tree, parts.labels, config.label, config.seam)
-    tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,), stride=1)
+    tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA, SIGMA), thorough=True)
     progress("articulate", 1.0)
     return tree, labels
 
 
 @dataclass(frozen=True)
 class Look:
-    """One structure, adjusted to the points: the tree, the labels (M,) and the energy."""
+    """One structure with its motions and the labels (M,) of all points; belief (M, P) of the last labels."""
 
     tree: Articulated
     labels: IntArray
-    energy: float
+    belief: Array | None = None
+
+    def energy(self, frames: Frames) -> float:
+        return energy(frames, self.tree.forward(), self.labels)
 
 
 def adjust(
@@ -84,45 +88,31 @@ def adjust(
     labeller: Labeller,
     config: FitConfig,
     rng: np.random.Generator,
-) -> Look:
-    """Motions and labels in turn under a given structure; lost frames are repaired in joint space."""
+) -> tuple[Look, float]:
+    """Motions and labels in turn under a given structure, from the better of its starts; frames that were lost are
+    repaired in joint space, and joints that nothing needs go. Returns the look and its energy."""
     looks = []
     for labels in start.starts:
         tree = bundle_adjust(frames, canonical, start.tree, labels, (SIGMA_WIDE, SIGMA))
-        looks.append(alternate(frames, canonical, tree, labels, labeller, config, 2))
-    look = looks[0] if len(looks) == 1 else min(looks, key=lambda k: energy(frames, k.tree.forward(), k.labels))
-    look = alternate(frames, canonical, look.tree, look.labels, labeller, config, ROUNDS - 2, look.belief)
+        looks.append(alternate(frames, canonical, Look(tree, labels), labeller, config, FIRST_ROUNDS))
+    look = looks[0] if len(looks) == 1 else min(looks, key=lambda k: k.energy(frames))
+    look = alternate(frames, canonical, look, labeller, config, MORE_ROUNDS)
     tree, _ = repair_joints(frames, canonical, look.tree, look.labels, config.repair, rng)
     tree = bundle_adjust(frames, canonical, tree, look.labels, (SIGMA,))
-    return Look(*simplify(frames, canonical, tree, look.labels, config.project))
+    tree, labels, value = simplify(frames, canonical, tree, look.labels, config.project)
+    return Look(tree, labels), value
 
 
-@dataclass(frozen=True)
-class Alternation:
-    tree: Articulated
-    labels: IntArray
-    belief: Array | None
-
-
-def alternate(
-    frames: Frames,
-    canonical: int,
-    tree: Articulated,
-    labels: IntArray,
-    labeller: Labeller,
-    config: FitConfig,
-    rounds: int,
-    belief: Array | None = None,
-) -> Alternation:
-    """Labels and motions in turn."""
+def alternate(frames: Frames, canonical: int, look: Look, labeller: Labeller, config: FitConfig, rounds: int) -> Look:
+    """Labels and motions in turn, until few labels change."""
     for _ in range(rounds):
-        parts, belief = labeller.fine(Relaxed(tree.forward(), labels), belief)
-        changed = np.mean(parts.labels != labels)
-        labels = cut_seams(frames, tree, parts.labels, config.label, config.seam, only_empty=True)
-        tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,))
+        parts, belief = labeller.fine(Relaxed(look.tree.forward(), look.labels), look.belief)
+        changed = np.mean(parts.labels != look.labels)
+        labels = cut_seams(frames, look.tree, parts.labels, config.label, config.seam, only_empty=True)
+        look = Look(bundle_adjust(frames, canonical, look.tree, labels, (SIGMA,)), labels, belief)
         if changed < SETTLED:
             break
-    return Alternation(tree, labels, belief)
+    return look
 
 
 def restructure(

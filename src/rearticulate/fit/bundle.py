@@ -28,7 +28,7 @@ def adjust_to_poses(
     reaches (a lost part) loses its weight. Returns the best iterate and its misfit (F, K) in spacings squared.
     """
     points = np.trace(H[..., 3:, 3:], axis1=-2, axis2=-1) / 1.1 + 1e-9
-    n_frames, P = len(T), model.n_parts
+    of_part = np.eye(model.n_parts)[part]
     best, lowest, misfit = model, np.inf, np.zeros(points.shape)
     for i in range(POSE_STEPS + 1):
         e = log_se3(model.forward()[:, part] @ inverse(T))
@@ -38,9 +38,8 @@ def adjust_to_poses(
             break
         best, lowest, misfit = model, cost, squared
         w = geman_mcclure(squared, sigma)[..., None]
-        H_part, g_part = np.zeros((n_frames, P, 6, 6)), np.zeros((n_frames, P, 6))
-        np.add.at(H_part, (slice(None), part), w[..., None] * H)
-        np.add.at(g_part, (slice(None), part), w * (H @ e[..., None])[..., 0])
+        H_part = np.einsum("kp,fkij->fpij", of_part, w[..., None] * H)
+        g_part = np.einsum("kp,fki->fpi", of_part, w * (H @ e[..., None])[..., 0])
         model = gauss_newton_step(model, canonical, H_part, g_part)
     return best, misfit
 
@@ -65,14 +64,22 @@ def canonical_equations(
 
 
 def bundle_adjust(
-    frames: Frames, canonical: int, model: Articulated, labels: IntArray, sigmas: tuple[float, ...], stride: int = 2
+    frames: Frames,
+    canonical: int,
+    model: Articulated,
+    labels: IntArray,
+    sigmas: tuple[float, ...],
+    thorough: bool = False,
 ) -> Articulated:
-    """Gauss-Newton with the fused clouds rebuilt once a scale. sigmas: robust scales, in spacings."""
+    """Gauss-Newton with the fused clouds rebuilt once a scale. sigmas: robust scales, in spacings.
+
+    thorough: every point is asked, against all points, instead of a half against a sample.
+    """
     for sigma in sigmas:
-        fused = fuse(frames, model.forward(), labels)
+        fused = fuse(frames, model.forward(), labels, dense=thorough)
         for _ in range(INNER):
             T = model.forward()
-            H1, g1 = fused_equations(frames, canonical, T, fused, sigma, stride)
+            H1, g1 = fused_equations(frames, canonical, T, fused, sigma, 1 if thorough else 2)
             H2, g2 = canonical_equations(frames, canonical, T, labels, 2 * sigma)
             before, model = model, gauss_newton_step(model, canonical, H1 + H2, g1 + g2)
             if np.abs(model.q - before.q).max() < CONVERGED and np.abs(model.twist - before.twist).max() < CONVERGED:

@@ -16,9 +16,7 @@ IntArray = NDArray[np.integer]
 PER_JOINT = 0.002  # what a joint must earn: an empty joint must not win by chance
 
 
-def point_misfit(
-    frames: Frames, T: Array, labels: IntArray, rows: IntArray | None = None, limit: int = 12
-) -> Array:
+def point_misfit(frames: Frames, T: Array, labels: IntArray, rows: IntArray | None = None, limit: int = 12) -> Array:
     """(n,) mean over the target frames of a point's capped distance and plane distance, in spacings.
 
     rows (n,): the points that are asked, all by default; labels (n,): theirs.

@@ -151,20 +151,26 @@ def _sheet_support(x, y, weight, start, neighbour, thickness, curvature, tries):
 
 
 def sheet_evidence(
-    frames: Frames, T: Array, candidates: NDArray[np.bool_], belief: Array | None, config: LabelConfig, thickness: float,
-    open_: NDArray[np.bool_] | None = None,
+    frames: Frames,
+    T: Array,
+    candidates: NDArray[np.bool_],
+    belief: Array | None,
+    config: LabelConfig,
+    thickness: float,
+    settled: NDArray[np.bool_] | None = None,
 ) -> Array:
     """(M, P) minus the support of the sheet through a point under each candidate part; IMPOSSIBLE elsewhere.
 
     belief (M, P): current probability of every label; a neighbour that is thought to belong elsewhere counts less.
+    settled (M, P): candidates that are part of the sheets but are out of the question as labels.
     """
     point, part = np.nonzero(candidates)
     z = transform(inverse(T)[frames.frame[point], part], frames.points[point])
     weight = np.ones(len(z)) if belief is None else 0.5 + 0.5 * belief[point, part]
     keyed = np.column_stack([z, APART * part])
-    open_ = candidates if open_ is None else candidates & open_
-    asked = np.flatnonzero(doubtful(open_)[point] & open_[point, part])
-    out = np.where(open_, 0.0, IMPOSSIBLE)
+    possible = candidates if settled is None else candidates & ~settled
+    asked = np.flatnonzero((doubtful(possible)[:, None] & possible)[point, part])
+    out = np.where(possible, 0.0, IMPOSSIBLE)
     if len(asked) == 0:
         return out
     k = min(config.sheet_neighbours, len(z))
@@ -233,7 +239,9 @@ class Labeller:
         while True:
             candidates = candidate_parts(self.frames, model.labels, model.n_parts, radius)
             U = self.config.nearest_weight * nearest_evidence(self.frames, model.T, candidates, self.targets)
-            graph = Graph(self.space.neighbour, 0.5 * self.space.weight).join(self._time(model.T, model.labels, candidates), 1.0)
+            graph = Graph(self.space.neighbour, 0.5 * self.space.weight).join(
+                self._time(model.T, model.labels, candidates), 1.0
+            )
             model = Relaxed(model.T, mean_field(U, graph).argmax(axis=1))
             counts = model.counts()
             if counts.min() >= self.config.minimum_points or model.n_parts == 1:
@@ -243,18 +251,18 @@ class Labeller:
     def fine(self, model: Relaxed, belief: Array | None, noise: float = 0.0) -> tuple[Relaxed, Array]:
         """Labels by sheet evidence, and the belief (M, P) for the next call. noise: plane noise of the data.
 
-        A point whose part was certain in the last call keeps it.
+        A point whose part was certain in the last call only looks at parts that are near.
         """
         config = self.config
         thickness = max(config.sheet_thickness, config.sheet_thickness_noise * noise)
         candidates = candidate_parts(self.frames, model.labels, model.n_parts, config.sheet_candidates)
-        certain = np.zeros_like(candidates)
+        settled = np.zeros_like(candidates)
         if belief is not None:
             own = np.eye(model.n_parts, dtype=bool)[model.labels]
             near = candidate_parts(self.frames, model.labels, model.n_parts, config.certain_radius)
-            certain = candidates & ~(near | own | (belief[own] < config.certain)[:, None])
-        U = sheet_evidence(self.frames, model.T, candidates, belief, config, thickness, ~certain)
-        candidates &= ~certain
+            settled = (belief[own] > config.certain)[:, None] & ~near & ~own
+        U = sheet_evidence(self.frames, model.T, candidates, belief, config, thickness, settled)
+        candidates &= ~settled
         belief = mean_field(U, self.space)
         graph = self.space.join(self._time(model.T, belief.argmax(axis=1), candidates), 0.5)
         belief = mean_field(U, graph)

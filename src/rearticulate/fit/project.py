@@ -215,24 +215,22 @@ def _series_test(evidence: Evidence, a: int, b: int, contact: Array, k: int, sta
 
 def hidden_links(
     evidence: Evidence, a: int, b: int, x1: float, rms: float, config: ProjectConfig
-) -> tuple[ChainFit | None, float, Array]:
+) -> tuple[ChainFit | None, Array]:
     """Two or three joints in series between a and b when one does not do (chi-square x1) and they do."""
     contact = contact_point(evidence, a, b)
     if x1 < config.joint or rms < config.joint_rms:
-        return None, x1, contact
+        return None, contact
     x2, two = _series_test(evidence, a, b, contact, 2)
     if rms < config.small_rms and not (x2 < config.small_gain * x1 and x2 < 0.5):
-        return None, x1, contact
+        return None, contact
     if x2 >= config.joint:
         x3, three = _series_test(evidence, a, b, contact, 3)
         if x3 < config.gain * min(x2, x1):
-            return three, x3, contact
-    return (two, x2, contact) if x2 < config.gain * x1 else (None, x1, contact)
+            return three, contact
+    return (two if x2 < config.gain * x1 else None), contact
 
 
-def near_contact(
-    z: Array, contact: Array, inside: NDArray[np.bool_], reach: float, share: float
-) -> NDArray[np.bool_]:
+def near_contact(z: Array, contact: Array, inside: NDArray[np.bool_], reach: float, share: float) -> NDArray[np.bool_]:
     """(M,) the points of a part that a hidden link starts with: near the contact, and at most a share of the part."""
     d = np.linalg.norm(z - contact, axis=1)
     return inside & (d < min(reach, float(np.quantile(d[inside], share))))
@@ -240,7 +238,7 @@ def near_contact(
 
 @dataclass(frozen=True)
 class Projection:
-    """A tree, labels (M,) to start from and how many joints still fail their test.
+    """A tree and labels (M,) to start from.
 
     Hidden links get their first points from the part that hangs on them, few or many: a large link with few points
     loses them all while the joints of its chain are biased by the points it lacks; a small one with too many follows
@@ -249,7 +247,6 @@ class Projection:
 
     tree: Articulated
     starts: tuple[IntArray, ...]
-    failing: int
 
 
 def project(
@@ -260,7 +257,7 @@ def project(
     P = model.n_parts
     root = choose_root(frames, canonical, model, config)
     if P == 1:
-        return Projection(_assemble([], model.T[:, root], root, 1)[0], (np.zeros_like(model.labels),), 0)
+        return Projection(_assemble([], model.T[:, root], root, 1)[0], (np.zeros_like(model.labels),))
     parent, order = spanning_tree(tree_costs(evidence, P, root, config, rng), root)
     child = order[1:]
     joints = fit_joints(evidence, child, parent[child], config)
@@ -277,7 +274,7 @@ def project(
     starts = [model.labels.copy() for _ in reaches]
     for c in [int(c) for c in child]:
         link = links[c]
-        chain, x[c], contact = hidden_links(evidence, c, link.parent, x[c], r[c], config)
+        chain, contact = hidden_links(evidence, c, link.parent, x[c], r[c], config)
         if chain is None:
             continue
         k = chain.twist.shape[0]
@@ -292,8 +289,7 @@ def project(
         links[c] = Link(c, above, chain.twist[k - 1], chain.q[:, k - 1], True)
     tree, number = _assemble(list(links.values()), model.T[:, root], root, n_links)
     tree, _ = adjust_to_poses(tree, canonical, number[:P], model.T, evidence.H)
-    failing = sum(x[c] > config.joint and r[c] > config.joint_rms for c in x)
-    return Projection(tree, tuple(number[labels] for labels in starts[: 1 if n_links == P else 2]), failing)
+    return Projection(tree, tuple(number[labels] for labels in (starts if n_links > P else starts[:1])))
 
 
 def _replace_small_middles(

@@ -111,10 +111,10 @@ class Fused:
         return self.z[self.surface[j]], self.normals[j], d
 
 
-def fuse(frames: Frames, T: Array, labels: IntArray, neighbours: int = 16) -> Fused:
-    """Bring all points to the canonical frame; normals from the dense fused cloud of each part."""
+def fuse(frames: Frames, T: Array, labels: IntArray, neighbours: int = 16, dense: bool = False) -> Fused:
+    """Bring all points to the canonical frame; normals from the fused cloud of each part. dense: no sample."""
     z = to_canonical(frames, T, labels)
-    surface = np.arange(0, len(z), max(1, frames.n_frames // FUSED_FRAMES))
+    surface = np.arange(0, len(z), 1 if dense else max(1, frames.n_frames // FUSED_FRAMES))
     keyed = np.column_stack([z, APART * labels])[surface]
     tree = KDTree(keyed)
     d, j = nearest(tree, keyed, k=min(neighbours, len(keyed)))
