@@ -19,6 +19,7 @@ from rearticulate.fit.articulated import Articulated
 from rearticulate.fit.diagnose import diagnose
 from rearticulate.fit.energy import energy, frame_residual
 from rearticulate.fit.frames import Frames, make_frames
+from rearticulate.fit.incomplete import complete_frames, fill_in
 from rearticulate.fit.labels import Labeller
 from rearticulate.fit.relax import relax
 from rearticulate.fit.relaxed import Relaxed
@@ -30,8 +31,6 @@ from rearticulate.records import FitResult, JointType, KinematicModel, Motion, P
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 Progress = Callable[[str, float], None]
-
-COMPLETE = 0.75  # share of the usual number of points that a canonical frame should have
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,14 +85,21 @@ def fit(
     rng = np.random.default_rng(seed)
     chosen = [working_rows(len(p), config.working_points, rng) for p in sequence.points]
     frames = make_frames([p[rows] for p, rows in zip(sequence.points, chosen, strict=True)])
-    labeller = Labeller(frames, config.label)
+    known = complete_frames(np.diff(frames.start))
+    if canonical is not None and canonical not in known:
+        known = np.arange(F)
+    shown = frames.take(known)
+    labeller = Labeller(shown, config.label)
     clock("prepare", 1.0)
-    solver = Solver(frames, labeller, config, seed, clock, store, fingerprint(sequence, config, seed))
+    solver = Solver(shown, labeller, config, seed, clock, store, fingerprint(sequence, config, seed))
     silent = dataclasses.replace(solver, clock=Clock(None))
-    tried = canonical_frames([len(p) for p in sequence.points], canonical, config)
+    place = None if canonical is None else int(np.searchsorted(known, canonical))
+    tried = canonical_frames(len(known), place, config)
     fits = side_by_side(solver.candidate, silent.candidate, tried)
-    energies = {t.canonical: t.energy for t in fits}
-    best = min(fits, key=lambda t: t.energy + config.canonical_bias * abs(t.canonical - F // 2))
+    energies = {int(known[t.canonical]): t.energy for t in fits}
+    best = min(fits, key=lambda t: t.energy + config.canonical_bias * abs(t.canonical - len(known) // 2))
+    c = int(known[best.canonical])
+    best = Candidate(c, *fill_in(frames, known, c, best.tree, best.labels), best.energy)
     clock("finish", 0.0)
     result = to_result(sequence, chosen, frames, best, config, seed, energies)
     clock("finish", 1.0)
@@ -101,17 +107,15 @@ def fit(
     return dataclasses.replace(result, stages=stages)
 
 
-def canonical_frames(counts: list[int], canonical: int | None, config: FitConfig) -> list[int]:
-    """The frames to fit from: the middle one, with the shortest ways to both ends, and its neighbours. Frames with
-    far fewer points than the others (counts) come last: what they do not show cannot be followed.
+def canonical_frames(F: int, canonical: int | None, config: FitConfig) -> list[int]:
+    """The frames to fit from: the middle one, with the shortest ways to both ends, and its neighbours.
 
     Two at least, to choose from; more of a short sequence, where each costs less and fewer frames say as much.
     """
     if canonical is not None:
         return [canonical]
-    F, enough = len(counts), COMPLETE * np.median(counts)
     tries = min(config.canonical_tries, max(2, config.canonical_work // F))
-    return sorted(range(F), key=lambda c: (counts[c] < enough, abs(c - F // 2), c))[:tries]
+    return sorted(range(F), key=lambda c: (abs(c - F // 2), c))[:tries]
 
 
 def working_rows(n: int, limit: int, rng: np.random.Generator) -> IntArray:

@@ -45,15 +45,21 @@ def adjust_to_poses(
 
 
 def canonical_equations(
-    frames: Frames, canonical: int, T: Array, labels: IntArray, sigma: float, max_distance: float = 5.6
+    frames: Frames,
+    canonical: int,
+    T: Array,
+    labels: IntArray,
+    sigma: float,
+    skip: IntArray | None = None,
+    max_distance: float = 5.6,
 ) -> tuple[Array, Array]:
-    """Normal equations H (F, P, 6, 6), g (F, P, 6) of the canonical points moved onto every frame."""
+    """Normal equations H (F, P, 6, 6), g (F, P, 6) of the canonical points moved onto every frame but those to skip."""
     F, P = T.shape[:2]
     rows = frames.rows(canonical)
     x, nx, label = frames.points[rows], frames.normals[rows], labels[rows]
     H, g = np.zeros((F, P, 6, 6)), np.zeros((F, P, 6))
     for f in range(F):
-        if f == canonical:
+        if f == canonical or (skip is not None and f in skip):
             continue
         tree, normals = frames.trees[f], frames.normals[frames.rows(f)]
         y, ny = transform(T[f, label], x), rotate(T[f, label], nx)
@@ -70,17 +76,19 @@ def bundle_adjust(
     labels: IntArray,
     sigmas: tuple[float, ...],
     thorough: bool = False,
+    one_sided: IntArray | None = None,
 ) -> Articulated:
     """Gauss-Newton with the fused clouds rebuilt once a scale. sigmas: robust scales, in spacings.
 
-    thorough: every point is asked, against all points, instead of a half against a sample.
+    thorough: every point is asked, against all points, instead of a half against a sample. one_sided: frames that do
+    not show the whole object; their points must be explained, but they need not explain all of the object.
     """
     for sigma in sigmas:
         fused = fuse(frames, model.forward(), labels, dense=thorough)
         for _ in range(INNER):
             T = model.forward()
             H1, g1 = fused_equations(frames, canonical, T, fused, sigma, 1 if thorough else 2)
-            H2, g2 = canonical_equations(frames, canonical, T, labels, 2 * sigma)
+            H2, g2 = canonical_equations(frames, canonical, T, labels, 2 * sigma, one_sided)
             before, model = model, gauss_newton_step(model, canonical, H1 + H2, g1 + g2)
             if np.abs(model.q - before.q).max() < CONVERGED and np.abs(model.twist - before.twist).max() < CONVERGED:
                 break

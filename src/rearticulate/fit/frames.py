@@ -42,6 +42,21 @@ class Frames:
     def n_frames(self) -> int:
         return len(self.start) - 1
 
+    def take(self, chosen: IntArray) -> Frames:
+        """These frames (in order) alone, in the same unit; `order` still points into all frames of the input."""
+        rows = np.flatnonzero(np.isin(self.frame, chosen))
+        sizes = np.diff(self.start)[chosen]
+        return Frames(
+            points=self.points[rows],
+            normals=self.normals[rows],
+            frame=np.repeat(np.arange(len(chosen)), sizes),
+            start=np.concatenate([[0], np.cumsum(sizes)]),
+            trees=tuple(self.trees[int(f)] for f in chosen),
+            order=self.order[rows],
+            unit=self.unit,
+            centre=self.centre,
+        )
+
     def rows(self, f: int) -> slice:
         """Rows of frame f in the flat arrays."""
         return slice(int(self.start[f]), int(self.start[f + 1]))
