@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rearticulate.config import FitConfig
 from rearticulate.fit.articulated import Articulated
 from rearticulate.fit.bundle import bundle_adjust
-from rearticulate.fit.energy import energy
+from rearticulate.fit.energy import energy, point_misfit
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.joint_repair import repair_joints
 from rearticulate.fit.labels import Labeller
@@ -95,12 +95,29 @@ def adjust(
     for labels in start.starts:
         tree = bundle_adjust(frames, canonical, start.tree, labels, (SIGMA_WIDE, SIGMA))
         looks.append(alternate(frames, canonical, Look(tree, labels), labeller, config, FIRST_ROUNDS))
-    look = looks[0] if len(looks) == 1 else min(looks, key=lambda k: k.energy(frames))
+    look = looks[0] if len(looks) == 1 else best_of_both(frames, looks, start.hidden)
     look = alternate(frames, canonical, look, labeller, config, MORE_ROUNDS)
     tree, _ = repair_joints(frames, canonical, look.tree, look.labels, config.repair, rng)
     tree = bundle_adjust(frames, canonical, tree, look.labels, (SIGMA,))
     tree, labels, value = simplify(frames, canonical, tree, look.labels, config.project)
     return Look(tree, labels), value
+
+
+def best_of_both(frames: Frames, looks: list[Look], hidden: IntArray) -> Look:
+    """The look with the lowest energy, in which every hidden link and what hangs on it come from the look that explains
+    their points best."""
+    best = min(looks, key=lambda k: k.energy(frames))
+    twist, q, labels = best.tree.twist.copy(), best.tree.q.copy(), best.labels.copy()
+    for v in hidden:
+        links = np.append(v, np.flatnonzero(best.tree.parent == v))
+        rows = np.flatnonzero(np.any([np.isin(k.labels, links) for k in looks], axis=0))
+        if len(rows) == 0:
+            continue
+        misfit = [point_misfit(frames, k.tree.forward(), k.labels[rows], rows).mean() for k in looks]
+        chosen = looks[int(np.argmin(misfit))]
+        twist[links], q[:, links] = chosen.tree.twist[links], chosen.tree.q[:, links]
+        labels[rows] = chosen.labels[rows]
+    return Look(replace(best.tree, twist=twist, q=q), labels)
 
 
 def alternate(frames: Frames, canonical: int, look: Look, labeller: Labeller, config: FitConfig, rounds: int) -> Look:

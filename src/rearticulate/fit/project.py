@@ -242,11 +242,12 @@ class Projection:
 
     Hidden links get their first points from the part that hangs on them, few or many: a large link with few points
     loses them all while the joints of its chain are biased by the points it lacks; a small one with too many follows
-    the wrong part. Both are starts.
+    the wrong part. Both are starts. hidden: numbers of these links.
     """
 
     tree: Articulated
     starts: tuple[IntArray, ...]
+    hidden: IntArray
 
 
 def project(
@@ -257,7 +258,7 @@ def project(
     P = model.n_parts
     root = choose_root(frames, canonical, model, config)
     if P == 1:
-        return Projection(_assemble([], model.T[:, root], root, 1)[0], (np.zeros_like(model.labels),))
+        return Projection(_assemble([], model.T[:, root], root, 1)[0], (np.zeros_like(model.labels),), np.arange(0))
     parent, order = spanning_tree(tree_costs(evidence, P, root, config, rng), root)
     child = order[1:]
     joints = fit_joints(evidence, child, parent[child], config)
@@ -289,7 +290,9 @@ def project(
         links[c] = Link(c, above, chain.twist[k - 1], chain.q[:, k - 1], True)
     tree, number = _assemble(list(links.values()), model.T[:, root], root, n_links)
     tree, _ = adjust_to_poses(tree, canonical, number[:P], model.T, evidence.H)
-    return Projection(tree, tuple(number[labels] for labels in (starts if n_links > P else starts[:1])))
+    if n_links == P:
+        starts = starts[:1]
+    return Projection(tree, tuple(number[labels] for labels in starts), number[P:])
 
 
 def _replace_small_middles(

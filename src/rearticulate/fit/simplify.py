@@ -65,7 +65,7 @@ def possible_welds(frames: Frames, canonical: int, tree: Articulated, labels: In
     in spacings, over the points of the smaller of the two.
     """
     T = tree.forward()
-    H, _ = fused_equations(frames, canonical, T, fuse(frames, T, labels), SIGMA)
+    H, _ = fused_equations(frames, canonical, T, fuse(frames, T, labels), SIGMA, stride=2)
     points = np.trace(H[..., 3:, 3:], axis1=-2, axis2=-1) / 1.1
     rows = frames.rows(canonical)
     touching = adjacent_labels(frames.points[rows], labels[rows])
