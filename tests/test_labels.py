@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from rearticulate.config import LabelConfig, SeamConfig
+from rearticulate.fit.energy import evidence_frames
 from rearticulate.fit.frames import make_frames
 from rearticulate.fit.labels import (
     IMPOSSIBLE,
     Graph,
-    candidate_parts,
-    evidence_frames,
     mean_field,
     nearest_evidence,
+    part_distances,
     sheet_evidence,
     spatial_graph,
 )
@@ -78,8 +78,7 @@ def test_many_frames_are_thinned_to_the_limit():
 def cut(along, favour, slack):
     """`best_cut` with the other settings as they come."""
     usual = SeamConfig()
-    others = {key: getattr(usual, key) for key in ("bin_width", "peak") if hasattr(usual, key)}
-    return best_cut(along, favour, slack, **others)
+    return best_cut(along, favour, slack, usual.bin_width, usual.peak)
 
 
 def test_a_cut_between_two_clear_sides():
@@ -190,10 +189,11 @@ def test_candidates_are_the_parts_within_the_radius():
     frames = make_frames([line, line + np.array([0, 0.1, 0])])
     at = frames.points[:, 0] + 14.5  # spacing 1, centred
     labels = (at > 14.5).astype(int)
-    candidates = candidate_parts(frames, labels, 3, radius=3.2)
-    np.testing.assert_array_equal(candidates[:, 0], at < 17.7)
-    np.testing.assert_array_equal(candidates[:, 1], at > 11.3)
-    assert not candidates[:, 2].any()
+    distance = part_distances(frames, labels, 3, radius=3.2)
+    np.testing.assert_array_equal(np.isfinite(distance[:, 0]), at < 17.7)
+    np.testing.assert_array_equal(np.isfinite(distance[:, 1]), at > 11.3)
+    np.testing.assert_allclose(distance[at < 14.5, 0], 0.0)
+    assert np.isinf(distance[:, 2]).all()
 
 
 def test_two_close_sheets_are_no_neighbours():

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rearticulate.config import FitConfig
 from rearticulate.fit.articulated import Articulated
-from rearticulate.fit.bundle import bundle_adjust
+from rearticulate.fit.bundle import SIGMA, SIGMA_WIDE, bundle_adjust
 from rearticulate.fit.energy import energy, point_misfit
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.joint_repair import repair_joints
@@ -29,7 +29,6 @@ LOOKS = 3
 FIRST_ROUNDS, MORE_ROUNDS = 2, 2  # of labels and motions, at most: from every start, and from the better one
 SETTLED = 0.015  # share of points that change their label in the last round
 WORTH = 2e-3  # a look that lowers the energy by less is the last
-SIGMA_WIDE, SIGMA = 1.5, 0.56
 
 
 def articulate(
@@ -107,13 +106,14 @@ def best_of_both(frames: Frames, looks: list[Look], hidden: IntArray) -> Look:
     """The look with the lowest energy, in which every hidden link and what hangs on it come from the look that explains
     their points best."""
     best = min(looks, key=lambda k: k.energy(frames))
+    poses = [k.tree.forward() for k in looks]
     twist, q, labels = best.tree.twist.copy(), best.tree.q.copy(), best.labels.copy()
     for v in hidden:
         links = np.append(v, np.flatnonzero(best.tree.parent == v))
         rows = np.flatnonzero(np.any([np.isin(k.labels, links) for k in looks], axis=0))
         if len(rows) == 0:
             continue
-        misfit = [point_misfit(frames, k.tree.forward(), k.labels[rows], rows).mean() for k in looks]
+        misfit = [point_misfit(frames, T, k.labels[rows], rows).mean() for k, T in zip(looks, poses, strict=True)]
         chosen = looks[int(np.argmin(misfit))]
         twist[links], q[:, links] = chosen.tree.twist[links], chosen.tree.q[:, links]
         labels[rows] = chosen.labels[rows]

@@ -37,6 +37,11 @@ class Articulated:
         """(P, 3) unit directions of the joints."""
         return np.where(self.revolute[:, None], self.twist[:, :3], self.twist[:, 3:])
 
+    @property
+    def feet(self) -> Array:
+        """(P, 3) points of the axes nearest to the coordinate origin; 0 for a slide."""
+        return np.cross(self.axes, self.twist[:, 3:])
+
     def forward(self) -> Array:
         """(F, P, 4, 4) part poses."""
         return forward_kinematics(self.parent, self.twist, self.q, self.T_root)

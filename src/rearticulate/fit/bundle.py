@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from rearticulate.fit.articulated import Articulated, gauss_newton_step
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.register import geman_mcclure, match, normal_equations
-from rearticulate.fit.relaxed import CONVERGED, fuse, fused_equations
+from rearticulate.fit.relaxed import CONVERGED, fuse, fused_equations, points_behind
 from rearticulate.geometry.se3 import inverse, log_se3, rotate, transform
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
+SIGMA_WIDE, SIGMA = 1.5, 0.56  # robust scales of a point, first and last, in spacings
 INNER = 4
 POSE_STEPS = 15
 POSE_SIGMA = 1.0  # robust scale of a part's misfit to its free pose, in spacings
@@ -27,7 +28,7 @@ def adjust_to_poses(
     Joints fitted pair by pair disagree along a chain; here they are made consistent. An observation that no tree
     reaches (a lost part) loses its weight. Returns the best iterate and its misfit (F, K) in spacings squared.
     """
-    points = np.trace(H[..., 3:, 3:], axis1=-2, axis2=-1) / 1.1 + 1e-9
+    points = points_behind(H) + 1e-9
     of_part = np.eye(model.n_parts)[part]
     best, lowest, misfit = model, np.inf, np.zeros(points.shape)
     for i in range(POSE_STEPS + 1):

@@ -26,8 +26,7 @@ def joint_origins(tree: Articulated, evidence: Evidence) -> Array:
     """(P, 3) for every joint the point of its axis nearest to where its two parts meet."""
     out = np.zeros((tree.n_parts, 3))
     for j in range(1, tree.n_parts):
-        axis = tree.axes[j]
-        foot = np.cross(axis, tree.twist[j, 3:]) if tree.revolute[j] else np.zeros(3)
+        axis, foot = tree.axes[j], tree.feet[j]
         near = _meeting_point(evidence, j, int(tree.parent[j]))
         out[j] = foot + axis * (axis @ (near - foot)) if tree.revolute[j] else near
     return out
@@ -96,8 +95,7 @@ def visibility(tree: Articulated, fused: Fused, j: int) -> float:
 
     0 for a body of revolution that turns about its own axis and for a wall that slides in its own plane.
     """
-    axis = tree.axes[j]
-    foot = np.cross(axis, tree.twist[j, 3:]) if tree.revolute[j] else np.zeros(3)
+    axis, foot = tree.axes[j], tree.feet[j]
     surface = fused.z[fused.surface]
     beyond = np.isin(fused.labels[fused.surface], subtree(tree.parent, j))
     shares = []

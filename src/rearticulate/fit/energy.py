@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.fit.frames import Frames
-from rearticulate.fit.labels import evidence_frames
 from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import inverse, transform
 
@@ -16,16 +15,24 @@ IntArray = NDArray[np.integer]
 PER_JOINT = 0.002  # what a joint must earn: an empty joint must not win by chance
 
 
-def point_misfit(frames: Frames, T: Array, labels: IntArray, rows: IntArray | None = None, limit: int = 12) -> Array:
+def evidence_frames(F: int, limit: int = 12) -> list[int]:
+    """At most `limit` frames, evenly spread: the ones every point is tested against."""
+    return [int(f) for f in np.linspace(0, F - 1, min(F, limit)).round()]
+
+
+def point_misfit(
+    frames: Frames, T: Array, labels: IntArray, rows: IntArray | None = None, targets: list[int] | None = None
+) -> Array:
     """(n,) mean over the target frames of a point's capped distance and plane distance, in spacings.
 
     rows (n,): the points that are asked, all by default; labels (n,): theirs.
     """
     rows = np.arange(len(frames.points)) if rows is None else rows
+    targets = evidence_frames(frames.n_frames) if targets is None else targets
     frame = frames.frame[rows]
     z = transform(inverse(T)[frame, labels], frames.points[rows])
     total, count = np.zeros(len(z)), np.zeros(len(z))
-    for f in evidence_frames(frames.n_frames, limit):
+    for f in targets:
         away = np.flatnonzero(frame != f)
         y = transform(T[f, labels[away]], z[away])
         d, j = nearest(frames.trees[f], y)

@@ -10,19 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from rearticulate.fit.articulated import Articulated
-from rearticulate.fit.bundle import bundle_adjust
+from rearticulate.fit.bundle import SIGMA, SIGMA_WIDE, bundle_adjust
 from rearticulate.fit.frames import Frames
-from rearticulate.geometry.nearest import nearest
-from rearticulate.geometry.se3 import exp_se3, inverse, log_se3, transform
+from rearticulate.fit.relaxed import spread_labels
+from rearticulate.geometry.se3 import exp_se3, inverse, log_se3
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 COMPLETE = 0.75  # share of the usual number of points that a complete frame has
-SIGMAS = (1.5, 0.56)
 
 
 def complete_frames(counts: IntArray) -> IntArray:
@@ -49,15 +47,12 @@ def fill_in(
     if len(known) == frames.n_frames:
         return tree, labels
     tree = between(tree, known, frames.n_frames)
+    seen = np.isin(frames.frame, known)
     everything = np.full(len(frames.points), -1)
-    everything[np.isin(frames.frame, known)] = labels
+    everything[seen] = labels
     missing = np.setdiff1d(np.arange(frames.n_frames), known)
-    rows = frames.rows(canonical)
-    for sigma in SIGMAS:
-        T = tree.forward()
-        for f in missing:
-            moved = transform(T[f, everything[rows]], frames.points[rows])
-            nearest_point = nearest(KDTree(moved), frames.points[frames.rows(f)])[1]
-            everything[frames.rows(f)] = everything[rows][nearest_point]
+    for sigma in (SIGMA_WIDE, SIGMA):
+        spread = spread_labels(frames, canonical, tree.forward(), everything[frames.rows(canonical)])
+        everything = np.where(seen, everything, spread)
         tree = bundle_adjust(frames, canonical, tree, everything, (sigma,), thorough=True, one_sided=missing)
     return tree, everything

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from rearticulate.config import LabelConfig
+from rearticulate.fit.energy import evidence_frames, point_misfit
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.relaxed import APART, Relaxed, drop_small
 from rearticulate.geometry.nearest import nearest
@@ -38,11 +39,6 @@ class Graph:
         return Graph(
             np.concatenate([self.neighbour, other.neighbour], 1), np.concatenate([self.weight, scale * other.weight], 1)
         )
-
-
-def evidence_frames(F: int, limit: int) -> list[int]:
-    """At most `limit` frames, evenly spread: the ones every point is tested against."""
-    return [int(f) for f in np.linspace(0, F - 1, min(F, limit)).round()]
 
 
 def spatial_graph(frames: Frames, k: int, scale: float, offset_scale: float) -> Graph:
@@ -78,14 +74,13 @@ def temporal_graph(
     return Graph(neighbour, weight)
 
 
-def candidate_parts(frames: Frames, labels: IntArray, P: int, radius: float) -> NDArray[np.bool_]:
-    """(M, P) parts that have a member within the radius in the same frame."""
-    out = np.zeros((len(labels), P), dtype=bool)
+def part_distances(frames: Frames, labels: IntArray, P: int, radius: float) -> Array:
+    """(M, P) distance to the nearest member of each part in the same frame; inf beyond the radius."""
+    out = np.full((len(labels), P), np.inf)
     for f in range(frames.n_frames):
         rows, tree = frames.rows(f), frames.trees[f]
         for p in np.unique(labels[rows]):
-            d, _ = nearest(KDTree(tree.data[labels[rows] == p]), tree.data, within=radius)
-            out[rows, p] = np.isfinite(d)
+            out[rows, p] = nearest(KDTree(tree.data[labels[rows] == p]), tree.data, within=radius)[0]
     return out
 
 
@@ -97,17 +92,8 @@ def doubtful(candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def nearest_evidence(frames: Frames, T: Array, candidates: NDArray[np.bool_], targets: list[int]) -> Array:
     """(M, P) mean misfit of a point to the target frames under each candidate part; IMPOSSIBLE elsewhere."""
     point, part = np.nonzero(candidates & doubtful(candidates)[:, None])
-    z = transform(inverse(T)[frames.frame[point], part], frames.points[point])
-    total, count = np.zeros(len(point)), np.zeros(len(point))
-    for f in targets:
-        rows = np.flatnonzero(frames.frame[point] != f)
-        y = transform(T[f, part[rows]], z[rows])
-        d, j = nearest(frames.trees[f], y)
-        r = np.abs(np.einsum("ij,ij->i", y - frames.trees[f].data[j], frames.normals[frames.rows(f)][j]))
-        total[rows] += np.minimum(d, 1.6) + 0.25 * np.minimum(r / 0.28, 3.0)
-        count[rows] += 1
     out = np.where(candidates, 0.0, IMPOSSIBLE)
-    out[point, part] = total / count
+    out[point, part] = point_misfit(frames, T, part, point, targets)
     return out
 
 
@@ -237,7 +223,7 @@ class Labeller:
     def coarse(self, model: Relaxed, radius: float) -> Relaxed:
         """Labels by nearest-point evidence; parts that end with too few points are dissolved, smallest first."""
         while True:
-            candidates = candidate_parts(self.frames, model.labels, model.n_parts, radius)
+            candidates = np.isfinite(part_distances(self.frames, model.labels, model.n_parts, radius))
             U = self.config.nearest_weight * nearest_evidence(self.frames, model.T, candidates, self.targets)
             graph = Graph(self.space.neighbour, 0.5 * self.space.weight).join(
                 self._time(model.T, model.labels, candidates), 1.0
@@ -255,12 +241,12 @@ class Labeller:
         """
         config = self.config
         thickness = max(config.sheet_thickness, config.sheet_thickness_noise * noise)
-        candidates = candidate_parts(self.frames, model.labels, model.n_parts, config.sheet_candidates)
+        distance = part_distances(self.frames, model.labels, model.n_parts, config.sheet_candidates)
+        candidates = np.isfinite(distance)
         settled = np.zeros_like(candidates)
         if belief is not None:
             own = np.eye(model.n_parts, dtype=bool)[model.labels]
-            near = candidate_parts(self.frames, model.labels, model.n_parts, config.certain_radius)
-            settled = (belief[own] > config.certain)[:, None] & ~near & ~own
+            settled = (belief[own] > config.certain)[:, None] & (distance >= config.certain_radius) & ~own
         U = sheet_evidence(self.frames, model.T, candidates, belief, config, thickness, settled)
         candidates &= ~settled
         belief = mean_field(U, self.space)

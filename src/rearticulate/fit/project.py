@@ -20,14 +20,12 @@ from rearticulate.fit.bundle import adjust_to_poses
 from rearticulate.fit.chains import ChainFit, fit_prismatic, fit_revolute, fit_series, relative_motion, rest_cost
 from rearticulate.fit.cluster import adjacent_labels
 from rearticulate.fit.frames import Frames
-from rearticulate.fit.relaxed import Fused, Relaxed, fuse, fused_equations, keep_parts
+from rearticulate.fit.relaxed import INFORMATION_SIGMA, Fused, Relaxed, fuse, fused_equations, keep_parts, points_behind
 from rearticulate.geometry.nearest import contact, nearest
 from rearticulate.geometry.se3 import inverse, transform
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
-
-INFORMATION_SIGMA = 0.56
 
 
 @dataclass(frozen=True)
@@ -46,8 +44,7 @@ class Evidence:
 
     def rms(self, cost: Array, W: Array) -> Array:
         """Cost -> root mean square misfit of a point, in spacings."""
-        points = np.trace(W[..., 3:, 3:], axis1=-2, axis2=-1).sum(-1) / 1.1
-        return np.sqrt(cost / (points + 1e-9))
+        return np.sqrt(cost / (points_behind(W).sum(-1) + 1e-9))
 
 
 def plane_noise(frames: Frames, canonical: int, model: Relaxed, floor: float) -> float:

@@ -15,7 +15,7 @@ from rearticulate.config import LabelConfig, SeamConfig
 from rearticulate.fit.articulated import Articulated
 from rearticulate.fit.energy import point_misfit
 from rearticulate.fit.frames import Frames
-from rearticulate.fit.labels import candidate_parts, sheet_evidence
+from rearticulate.fit.labels import part_distances, sheet_evidence
 from rearticulate.fit.relaxed import to_canonical
 from rearticulate.geometry.nearest import contact, nearest
 
@@ -82,7 +82,7 @@ def cut_seams(
         return labels
     T = tree.forward()
     z = to_canonical(frames, T, labels)
-    candidates = candidate_parts(frames, labels, tree.n_parts, config.zone)
+    candidates = np.isfinite(part_distances(frames, labels, tree.n_parts, config.zone))
     candidates = link_candidates(tree, labels, z, candidates, empty, config.link_reach)
     candidates &= np.isin(np.arange(tree.n_parts), np.concatenate([joints, tree.parent[joints]]))
     U = sheet_evidence(frames, T, candidates, None, label_config, label_config.sheet_thickness)

@@ -13,16 +13,15 @@ from numpy.typing import NDArray
 
 from rearticulate.config import ProjectConfig
 from rearticulate.fit.articulated import Articulated
-from rearticulate.fit.bundle import adjust_to_poses, bundle_adjust
+from rearticulate.fit.bundle import SIGMA, adjust_to_poses, bundle_adjust
 from rearticulate.fit.cluster import adjacent_labels
 from rearticulate.fit.energy import energy
 from rearticulate.fit.frames import Frames
-from rearticulate.fit.relaxed import fuse, fused_equations
+from rearticulate.fit.relaxed import INFORMATION_SIGMA, fuse, fused_equations, points_behind
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
-SIGMA = 0.56
 TRIES = 3  # welds that are put to the test of the energy
 WIDE = 10.0  # robust scale of the misfit: none
 
@@ -65,8 +64,8 @@ def possible_welds(frames: Frames, canonical: int, tree: Articulated, labels: In
     in spacings, over the points of the smaller of the two.
     """
     T = tree.forward()
-    H, _ = fused_equations(frames, canonical, T, fuse(frames, T, labels), SIGMA, stride=2)
-    points = np.trace(H[..., 3:, 3:], axis1=-2, axis2=-1) / 1.1
+    H, _ = fused_equations(frames, canonical, T, fuse(frames, T, labels), INFORMATION_SIGMA, stride=2)
+    points = points_behind(H)
     rows = frames.rows(canonical)
     touching = adjacent_labels(frames.points[rows], labels[rows])
     pairs = [(j, int(tree.parent[j])) for j in range(1, tree.n_parts)]
