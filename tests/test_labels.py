@@ -202,7 +202,7 @@ def test_two_close_sheets_are_no_neighbours():
     frames = make_frames([np.concatenate([low, low + np.array([0.3, 0.2, 2.5])])])
     frames = replace(frames, normals=np.tile([0.0, 0, 1], (1200, 1)))  # at this distance estimated normals mix both
     upper = frames.points[:, 2] > 0
-    graph = spatial_graph(frames, 12, scale=1.87, offset_scale=0.4)
+    graph = spatial_graph(frames, scale=1.87, offset_scale=0.4)
     across = upper[graph.neighbour] != upper[:, None]
     assert across.any()
     assert graph.weight[across].max() < 1e-3

@@ -45,8 +45,9 @@ class ClusterConfig:
 class TrialConfig:
     """Trial merges and repairs of parts (`fit.trial`)."""
 
-    subset: int = 90  # points of a part that take part in a trial
+    subset: int = 90  # points of a part that take part in a trial (`fit.trial.Trials.subset`)
     gap: float = 4.0  # parts closer than this may be tried
+    border: float = 0.5  # what a border as long as the smaller part has points is worth when pairs compete
     threshold_first: float = 0.03  # growth of the misfit below which two parts are one
     threshold: float = 0.045
 
@@ -55,7 +56,7 @@ class TrialConfig:
 class RepairConfig:
     """Restarts of lost parts (`fit.repair`)."""
 
-    subset: int = 150  # points of a part that take part in a restart
+    subset: int = 150  # points of a part that take part in a restart (`fit.trial.Trials.subset`)
     minimum_points: int = 12
     margin: float = 0.06  # another pose must lower the misfit by this much to be taken
     unexplained: float = 1.5  # a point farther than this from every other part is unexplained
@@ -89,7 +90,6 @@ class RestConfig:
 class LabelConfig:
     """Labels of all frames' points (`fit.labels`)."""
 
-    neighbours: int = 12  # spatial neighbours of a point
     offset_scale: float = 0.4  # Gaussian weight of the offset between the tangent planes of two neighbours
     space_scale: float = 1.87  # Gaussian weight of a spatial neighbour
     time_scale: float = 1.12  # Gaussian weight of a neighbour in another frame
@@ -159,7 +159,6 @@ class FitConfig:
     working_points: int = 5000  # points a frame that take part in the fit; all are labelled
     canonical_tries: int = 4  # frames from which the model is fitted, at most; the lowest energy wins
     canonical_work: int = 20  # ... and two at least, but no more than make this many frames to register in all
-    canonical_bias: float = 0.001  # energy that a canonical frame must save for every frame away from the middle
     track: TrackConfig = field(default_factory=TrackConfig)
     cluster: ClusterConfig = field(default_factory=ClusterConfig)
     trial: TrialConfig = field(default_factory=TrialConfig)

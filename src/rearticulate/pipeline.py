@@ -97,7 +97,7 @@ def fit(
     tried = canonical_frames(len(known), place, config)
     fits = side_by_side(solver.candidate, silent.candidate, tried)
     energies = {int(known[t.canonical]): t.energy for t in fits}
-    best = min(fits, key=lambda t: t.energy + config.canonical_bias * abs(t.canonical - len(known) // 2))
+    best = min(fits, key=lambda t: t.energy)
     c = int(known[best.canonical])
     best = Candidate(c, *fill_in(frames, known, c, best.tree, best.labels), best.energy)
     clock("finish", 0.0)

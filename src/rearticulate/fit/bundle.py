@@ -81,14 +81,14 @@ def bundle_adjust(
 ) -> Articulated:
     """Gauss-Newton with the fused clouds rebuilt once a scale. sigmas: robust scales, in spacings.
 
-    thorough: every point is asked, against all points, instead of a half against a sample. one_sided: frames that do
+    thorough: all points are asked, against all points, instead of a sample against a sample. one_sided: frames that do
     not show the whole object; their points must be explained, but they need not explain all of the object.
     """
     for sigma in sigmas:
         fused = fuse(frames, model.forward(), labels, dense=thorough)
         for _ in range(INNER):
             T = model.forward()
-            H1, g1 = fused_equations(frames, canonical, T, fused, sigma, 1 if thorough else 2)
+            H1, g1 = fused_equations(frames, canonical, T, fused, sigma, 1 if thorough else frames.stride)
             H2, g2 = canonical_equations(frames, canonical, T, labels, 2 * sigma, one_sided)
             before, model = model, gauss_newton_step(model, canonical, H1 + H2, g1 + g2)
             if np.abs(model.q - before.q).max() < CONVERGED and np.abs(model.twist - before.twist).max() < CONVERGED:

@@ -1,4 +1,5 @@
-"""The label-free energy of a fit: how badly the points, carried by their own part, land on the other frames."""
+"""The label-free energy of a fit: how badly the points, carried by their own part, land on the other frames, and what
+the description of the parts costs: their number and the length of their borders."""
 
 from __future__ import annotations
 
@@ -13,6 +14,8 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 PER_JOINT = 0.002  # what a joint must earn: an empty joint must not win by chance
+PER_BORDER = 0.2  # a patch that slides in itself fits two parts: it must not go to the one it fits better by chance
+SAME_SURFACE = 0.8  # neighbours that lie farther than this from a point's tangent plane are of another surface
 
 
 def evidence_frames(F: int, limit: int = 12) -> list[int]:
@@ -42,10 +45,20 @@ def point_misfit(
     return total / np.maximum(count, 1)
 
 
+def border_length(frames: Frames, labels: IntArray) -> float:
+    """Mean share of a point's nearest neighbours in the same surface that belong to another part."""
+    near = frames.neighbours[:, :8]
+    offset = np.abs(np.einsum("nki,ni->nk", frames.points[near] - frames.points[:, None], frames.normals))
+    here = offset < SAME_SURFACE
+    other = (labels[near] != labels[:, None]) & here
+    return float((other.sum(axis=1) / np.maximum(here.sum(axis=1), 1)).mean())
+
+
 def energy(frames: Frames, T: Array, labels: IntArray) -> float:
-    """Mean misfit over every second point of all frames, plus a small price a joint."""
+    """Mean misfit over every second point of all frames, plus the prices of joints and borders."""
     rows = np.arange(0, len(labels), 2)
-    return float(point_misfit(frames, T, labels[rows], rows).mean()) + PER_JOINT * (T.shape[1] - 1)
+    misfit = float(point_misfit(frames, T, labels[rows], rows).mean())
+    return misfit + PER_JOINT * (T.shape[1] - 1) + PER_BORDER * border_length(frames, labels)
 
 
 def frame_residual(frames: Frames, canonical: int, T: Array, labels: IntArray) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 NORMAL_NEIGHBOURS = 16
+NEIGHBOURS = 12
+SAMPLE = 20_000  # points of all frames together that an approximate registration works with
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,21 @@ class Frames:
     @property
     def n_frames(self) -> int:
         return len(self.start) - 1
+
+    @property
+    def stride(self) -> int:
+        """Every stride-th point makes a sample of about `SAMPLE` points."""
+        return max(1, len(self.points) // SAMPLE)
+
+    @cached_property
+    def neighbours(self) -> IntArray:
+        """(M, K) rows of the nearest other points of the same frame, nearest first."""
+        return np.concatenate(
+            [
+                nearest(t, t.data, k=NEIGHBOURS + 1)[1][:, 1:] + s
+                for t, s in zip(self.trees, self.start[:-1], strict=True)
+            ]
+        )
 
     def take(self, chosen: IntArray) -> Frames:
         """These frames (in order) alone, in the same unit; `order` still points into all frames of the input."""

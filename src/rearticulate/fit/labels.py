@@ -41,21 +41,16 @@ class Graph:
         )
 
 
-def spatial_graph(frames: Frames, k: int, scale: float, offset_scale: float) -> Graph:
-    """The k nearest points of the same frame; Gaussian weights of the distance and of the offset between the two
+def spatial_graph(frames: Frames, scale: float, offset_scale: float) -> Graph:
+    """The nearest points of the same frame; Gaussian weights of the distance and of the offset between the two
     tangent planes, so that two sheets that lie close together stay apart."""
-    neighbour, weight = [], []
-    for f in range(frames.n_frames):
-        tree, normals = frames.trees[f], frames.normals[frames.rows(f)]
-        d, j = nearest(tree, tree.data, k=k + 1)
-        d, j = d[:, 1:], j[:, 1:]
-        gap = tree.data[j] - tree.data[:, None]
-        offset = np.maximum(
-            np.abs(np.einsum("nki,ni->nk", gap, normals)), np.abs(np.einsum("nki,nki->nk", gap, normals[j]))
-        )
-        neighbour.append(j + frames.start[f])
-        weight.append(np.exp(-((d / scale) ** 2) - (offset / offset_scale) ** 2))
-    return Graph(np.concatenate(neighbour), np.concatenate(weight))
+    near = frames.neighbours
+    gap = frames.points[near] - frames.points[:, None]
+    offset = np.maximum(
+        np.abs(np.einsum("nki,ni->nk", gap, frames.normals)),
+        np.abs(np.einsum("nki,nki->nk", gap, frames.normals[near])),
+    )
+    return Graph(near, np.exp(-((gap**2).sum(axis=-1) / scale**2) - (offset / offset_scale) ** 2))
 
 
 def temporal_graph(
@@ -215,7 +210,7 @@ class Labeller:
     def __init__(self, frames: Frames, config: LabelConfig):
         self.frames, self.config = frames, config
         self.targets = evidence_frames(frames.n_frames, config.evidence_frames)
-        self.space = spatial_graph(frames, config.neighbours, config.space_scale, config.offset_scale)
+        self.space = spatial_graph(frames, config.space_scale, config.offset_scale)
 
     def _time(self, T: Array, labels: IntArray, candidates: NDArray[np.bool_]) -> Graph:
         return temporal_graph(self.frames, T, labels, doubtful(candidates), self.targets, self.config.time_scale)

@@ -19,7 +19,6 @@ IntArray = NDArray[np.integer]
 CONVERGED = 5e-3  # a step that moves less than this many spacings is the last
 APART = 1e4  # distance between the clouds of different parts in the 4D tree of `Fused`
 INFORMATION_SIGMA = 0.56  # robust scale at which the information of a pose is taken
-FUSED_FRAMES = 5  # the dense cloud holds about as many points as this many frames
 
 
 @dataclass(frozen=True)
@@ -115,7 +114,7 @@ class Fused:
 def fuse(frames: Frames, T: Array, labels: IntArray, neighbours: int = 16, dense: bool = False) -> Fused:
     """Bring all points to the canonical frame; normals from the fused cloud of each part. dense: no sample."""
     z = to_canonical(frames, T, labels)
-    surface = np.arange(0, len(z), 1 if dense else max(1, frames.n_frames // FUSED_FRAMES))
+    surface = np.arange(0, len(z), 1 if dense else frames.stride)
     keyed = np.column_stack([z, APART * labels])[surface]
     tree = KDTree(keyed)
     d, j = nearest(tree, keyed, k=min(neighbours, len(keyed)))
@@ -170,7 +169,7 @@ def register_to_fused(frames: Frames, canonical: int, model: Relaxed, sigma: flo
     T = model.T.copy()
     moving = np.arange(len(T)) != canonical
     for _ in range(inner):
-        H, g = fused_equations(frames, canonical, T, fused, sigma, stride=2)
+        H, g = fused_equations(frames, canonical, T, fused, sigma, frames.stride)
         step = solve_twists(H, g)[moving]
         T[moving] = exp_se3(step) @ T[moving]
         if np.abs(step[..., 3:]).max() < CONVERGED:

@@ -64,7 +64,7 @@ def possible_welds(frames: Frames, canonical: int, tree: Articulated, labels: In
     in spacings, over the points of the smaller of the two.
     """
     T = tree.forward()
-    H, _ = fused_equations(frames, canonical, T, fuse(frames, T, labels), INFORMATION_SIGMA, stride=2)
+    H, _ = fused_equations(frames, canonical, T, fuse(frames, T, labels), INFORMATION_SIGMA, frames.stride)
     points = points_behind(H)
     rows = frames.rows(canonical)
     touching = adjacent_labels(frames.points[rows], labels[rows])

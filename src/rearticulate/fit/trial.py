@@ -31,7 +31,9 @@ class Trials:
         self.others = [f for f in range(frames.n_frames) if f != canonical]
 
     def subset(self, labels: IntArray, part: int, size: int) -> IntArray:
+        """At most `size` points of a part; more of a sequence of fewer than ten frames, for the same evidence."""
         rows = np.flatnonzero(labels == part)
+        size = max(size, 9 * size // len(self.others))
         return rows if len(rows) <= size else self.rng.choice(rows, size, replace=False)
 
     def cost(self, f: int, point: IntArray, body: IntArray, T: Array) -> Array:
@@ -115,10 +117,20 @@ def _candidates(trials: Trials, labels: IntArray, parts: list[int], gap: float) 
     return pairs
 
 
+def shared_border(x: Array, labels: IntArray, P: int, neighbours: int = 8) -> Array:
+    """(P, P) length of the border between parts, in points: neighbours of points of one that belong to the other."""
+    near = nearest(KDTree(x), x, k=min(neighbours + 1, len(x)))[1][:, 1:]
+    pairs = np.bincount(np.repeat(labels, near.shape[1]) * P + labels[near].ravel(), minlength=P * P).reshape(P, P)
+    return (pairs + pairs.T) / (2 * near.shape[1])
+
+
 def trial_merge(
     frames: Frames, canonical: int, model: Relaxed, config: TrialConfig, threshold: float, rng: np.random.Generator
 ) -> Relaxed:
-    """Merge pairs of parts, mutually best pairs first, while the score stays below the threshold."""
+    """Merge pairs of parts, mutually best pairs first, while the score stays below the threshold.
+
+    A fragment that moves in its own surface fits several neighbours equally well; it goes to the one it borders on.
+    """
     trials = Trials(frames, canonical, rng)
     labels, T = model.labels[frames.rows(canonical)].copy(), model.T.copy()
     into = np.arange(model.n_parts)
@@ -128,11 +140,18 @@ def trial_merge(
     pairs = _candidates(trials, labels, parts, config.gap)
     scores = try_pairs(trials, T, sorted(pairs), subsets, own) if pairs else {}
     while True:
+        border = shared_border(trials.x, labels, model.n_parts)
+        counts = np.bincount(labels, minlength=model.n_parts)
+        rank = {
+            (a, b): score - config.border * border[a, b] / min(counts[a], counts[b])
+            for (a, b), (score, _) in scores.items()
+            if score < threshold
+        }
         lowest: dict[int, float] = {}
-        for pair, (score, _) in scores.items():
+        for pair, value in rank.items():
             for p in pair:
-                lowest[p] = min(lowest.get(p, np.inf), score)
-        chosen = [e for e, (s, _) in scores.items() if s < threshold and s == lowest[e[0]] == lowest[e[1]]]
+                lowest[p] = min(lowest.get(p, np.inf), value)
+        chosen = [e for e, value in rank.items() if value == lowest[e[0]] == lowest[e[1]]]
         if not chosen:
             break
         for a, b in chosen:
