@@ -169,12 +169,23 @@ def test_a_canonical_frame_that_does_not_exist(hinge, canonical):
 
 
 def test_canonical_frames_are_tried_from_the_middle():
-    config = FitConfig()
-    assert canonical_frames(10, None, config) == [5, 4]
-    assert canonical_frames(4, None, config) == [2, 1, 3, 0]
-    assert canonical_frames(2, None, config) == [1, 0]
-    assert canonical_frames(10, 9, config) == [9]
-    assert canonical_frames(10, None, FitConfig(canonical_tries=1)) == [5]
+    config = FitConfig(canonical_tries=4, canonical_work=82_000)
+
+    def tried(F, points, **changes):
+        return canonical_frames(np.full(F, points), None, replace(config, **changes))
+
+    assert tried(10, 4096) == [5, 4]
+    assert tried(4, 4096) == [2, 1, 3, 0]
+    assert tried(2, 4096) == [1, 0]
+    assert tried(10, 1024) == [5, 4, 6, 3]  # sparse: each costs less
+    assert tried(10, 4096, canonical_tries=1) == [5]
+    assert canonical_frames(np.full(10, 4096), 9, config) == [9]
+
+
+def test_canonical_frames_are_those_that_show_most():
+    counts = np.array([691, 616, 708, 738, 733, 594, 571, 498, 478, 495])
+    assert canonical_frames(counts, None, FitConfig()) == [4, 3, 2, 0]
+    assert canonical_frames(np.array([1000, 950, 901, 1000]), None, FitConfig()) == [2, 1, 3, 0]
 
 
 def test_large_frames_are_thinned_evenly():

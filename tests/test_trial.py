@@ -31,7 +31,7 @@ def test_a_short_sequence_takes_more_points_of_each_frame(F, expected):
 
 
 def test_a_fragment_that_slides_in_itself_joins_the_part_around_it():
-    """A strip in the middle of a resting wall (with an end that holds it) fits the wall and, by its translation, a sliding block as well."""
+    """A strip in a resting wall fits the wall and, by its translation, a sliding block as well."""
     rng = np.random.default_rng(3)
     shift = np.array([0.0, 4.0, 0.0])
 

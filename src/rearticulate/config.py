@@ -158,7 +158,8 @@ class FitConfig:
 
     working_points: int = 5000  # points a frame that take part in the fit; all are labelled
     canonical_tries: int = 4  # frames from which the model is fitted, at most; the lowest energy wins
-    canonical_work: int = 20  # ... and two at least, but no more than make this many frames to register in all
+    canonical_work: int = 82_000  # ... and two at least, but no more than make this many points to register in all
+    canonical_share: float = 0.9  # frames with less than this share of the most points a frame has come last
     track: TrackConfig = field(default_factory=TrackConfig)
     cluster: ClusterConfig = field(default_factory=ClusterConfig)
     trial: TrialConfig = field(default_factory=TrialConfig)

@@ -94,7 +94,7 @@ def fit(
     solver = Solver(shown, labeller, config, seed, clock, store, fingerprint(sequence, config, seed))
     silent = dataclasses.replace(solver, clock=Clock(None))
     place = None if canonical is None else int(np.searchsorted(known, canonical))
-    tried = canonical_frames(len(known), place, config)
+    tried = canonical_frames(np.diff(shown.start), place, config)
     fits = side_by_side(solver.candidate, silent.candidate, tried)
     energies = {int(known[t.canonical]): t.energy for t in fits}
     best = min(fits, key=lambda t: t.energy)
@@ -107,15 +107,18 @@ def fit(
     return dataclasses.replace(result, stages=stages)
 
 
-def canonical_frames(F: int, canonical: int | None, config: FitConfig) -> list[int]:
-    """The frames to fit from: the middle one, with the shortest ways to both ends, and its neighbours.
+def canonical_frames(counts: IntArray, canonical: int | None, config: FitConfig) -> list[int]:
+    """The frames to fit from: near the middle, with the shortest ways to both ends, among those that show most.
 
-    Two at least, to choose from; more of a short sequence, where each costs less and fewer frames say as much.
+    counts (F,): points of every frame. Two at least, to choose from; more of a short or sparse sequence, where each
+    costs less and says less.
     """
     if canonical is not None:
         return [canonical]
-    tries = min(config.canonical_tries, max(2, config.canonical_work // F))
-    return sorted(range(F), key=lambda c: (abs(c - F // 2), c))[:tries]
+    F = len(counts)
+    tries = min(config.canonical_tries, max(2, config.canonical_work // int(counts.sum())))
+    few = counts < config.canonical_share * counts.max()
+    return sorted(range(F), key=lambda c: (few[c], abs(c - F // 2), c))[:tries]
 
 
 def working_rows(n: int, limit: int, rng: np.random.Generator) -> IntArray:
