@@ -13,12 +13,14 @@ from rearticulate.fit.frames import make_frames
 from rearticulate.fit.labels import (
     IMPOSSIBLE,
     Graph,
+    Labeller,
     mean_field,
     nearest_evidence,
     part_distances,
     sheet_evidence,
     spatial_graph,
 )
+from rearticulate.fit.relaxed import surface_noise
 from rearticulate.fit.seams import best_cut
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 
@@ -144,7 +146,7 @@ def test_the_test_motions_bring_every_point_back_to_one_plate():
 def test_sheets_prefer_the_true_motion():
     frames, T, labels = two_plates()
     everywhere = np.ones((len(labels), 2), bool)
-    U = sheet_evidence(frames, T, everywhere, None, LabelConfig(), LabelConfig().sheet_thickness)
+    U = sheet_evidence(frames, T, everywhere, None, LabelConfig())
     z = transform(inverse(T)[frames.frame, labels], frames.points)
     hinge = (20 - frames.centre[0]) / frames.unit
     away = (np.abs(z[:, 0] - hinge) > 8) & (frames.frame > 0)
@@ -166,7 +168,7 @@ def test_what_is_no_candidate_is_impossible(evidence):
     candidates = np.ones((len(labels), 2), bool)
     candidates[::3, 1] = False
     if evidence == "sheet":
-        U = sheet_evidence(frames, T, candidates, None, LabelConfig(), 0.1)
+        U = sheet_evidence(frames, T, candidates, None, LabelConfig())
     else:
         U = nearest_evidence(frames, T, candidates, evidence_frames(3, 12))
     np.testing.assert_array_equal(U == IMPOSSIBLE, ~candidates)
@@ -176,9 +178,9 @@ def test_what_is_no_candidate_is_impossible(evidence):
 def test_disbelief_in_the_neighbours_weakens_a_sheet():
     frames, T, labels = two_plates(n=300, frames=4)
     everywhere = np.ones((len(labels), 2), bool)
-    plain = sheet_evidence(frames, T, everywhere, None, LabelConfig(), 0.1)
-    sure = sheet_evidence(frames, T, everywhere, np.ones_like(plain), LabelConfig(), 0.1)
-    half = sheet_evidence(frames, T, everywhere, np.zeros_like(plain), LabelConfig(), 0.1)
+    plain = sheet_evidence(frames, T, everywhere, None, LabelConfig())
+    sure = sheet_evidence(frames, T, everywhere, np.ones_like(plain), LabelConfig())
+    half = sheet_evidence(frames, T, everywhere, np.zeros_like(plain), LabelConfig())
     np.testing.assert_allclose(sure, plain)
     np.testing.assert_allclose(half, plain / 2)
     assert plain.min() < -1
@@ -207,3 +209,21 @@ def test_two_close_sheets_are_no_neighbours():
     assert across.any()
     assert graph.weight[across].max() < 1e-3
     assert np.median(graph.weight[~across]) > 0.05
+
+
+@pytest.mark.parametrize(("noise", "expected"), [(0.0, 0.093), (0.3, 0.3)])
+def test_no_sheet_is_thinner_than_the_noise(noise, expected):
+    frames, _, _ = two_plates(n=150, frames=3)
+    labeller = Labeller(frames, LabelConfig())
+    assert labeller.with_noise(noise).config.sheet_thickness == expected
+    assert labeller.config == LabelConfig()  # the first one stays as it is
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05, 0.1])
+def test_the_noise_of_a_surface_is_measured(noise):
+    rng = np.random.default_rng(0)
+    sheets = [np.column_stack([rng.uniform(0, 30, (900, 2)), rng.normal(0, noise, 900)]) for _ in range(6)]
+    frames = make_frames(sheets)
+    T, labels = np.tile(np.eye(4), (6, 1, 1, 1)), np.zeros(5400, dtype=int)
+    measured = surface_noise(frames, 3, T, labels) * frames.unit
+    assert noise <= measured <= np.sqrt(2) * noise  # two points differ by more than one; nearest ones by less than any

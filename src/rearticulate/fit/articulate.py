@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from rearticulate.config import FitConfig
 from rearticulate.fit.articulated import Articulated
-from rearticulate.fit.bundle import SIGMA, SIGMA_WIDE, bundle_adjust
+from rearticulate.fit.bundle import SIGMA, SIGMA_WIDE, bundle_adjust, last_sigma
 from rearticulate.fit.energy import energy, point_misfit
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.joint_repair import repair_joints
 from rearticulate.fit.labels import Labeller
 from rearticulate.fit.project import Projection, merge_resting, project
-from rearticulate.fit.relaxed import Relaxed, drop_small, register_to_fused
+from rearticulate.fit.relaxed import Relaxed, drop_small, register_to_fused, surface_noise
 from rearticulate.fit.repair import repair_poses
 from rearticulate.fit.seams import cut_seams
 from rearticulate.fit.simplify import simplify
@@ -45,6 +45,7 @@ def articulate(
 
     Returns the model and the labels (M,) of all points.
     """
+    labeller = labeller.with_noise(surface_noise(frames, canonical, relaxed.T, relaxed.labels))
     model = merge_resting(frames, canonical, relaxed, config.project)
     start = project(frames, canonical, model, config.project, rng)
     best, lowest = None, np.inf
@@ -62,8 +63,9 @@ def articulate(
     tree = best.tree
     parts, belief = labeller.fine(Relaxed(tree.forward(), best.labels), None)
     parts, _ = labeller.fine(parts, belief)
-    labels = cut_seams(frames, tree, parts.labels, config.label, config.seam)
-    tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA, SIGMA), thorough=True)
+    labels = cut_seams(frames, tree, parts.labels, labeller.config, config.seam)
+    fine = last_sigma(surface_noise(frames, canonical, tree.forward(), labels))
+    tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA, fine, fine), thorough=True)
     progress("articulate", 1.0)
     return tree, labels
 
@@ -125,7 +127,7 @@ def alternate(frames: Frames, canonical: int, look: Look, labeller: Labeller, co
     for _ in range(rounds):
         parts, belief = labeller.fine(Relaxed(look.tree.forward(), look.labels), look.belief)
         changed = np.mean(parts.labels != look.labels)
-        labels = cut_seams(frames, look.tree, parts.labels, config.label, config.seam, only_empty=True)
+        labels = cut_seams(frames, look.tree, parts.labels, labeller.config, config.seam, only_empty=True)
         look = Look(bundle_adjust(frames, canonical, look.tree, labels, (SIGMA,)), labels, belief)
         if changed < SETTLED:
             break

@@ -14,7 +14,8 @@ from rearticulate.geometry.se3 import inverse, log_se3, rotate, transform
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
-SIGMA_WIDE, SIGMA = 1.5, 0.56  # robust scales of a point, first and last, in spacings
+SIGMA_WIDE, SIGMA = 1.5, 0.56  # robust scales of a point, first and usual, in spacings
+FINE, FINE_NOISE, FINE_MAX = 0.2, 2.5, 0.8  # the last scale: at least, in units of the noise, at most
 INNER = 4
 POSE_STEPS = 15
 POSE_SIGMA = 1.0  # robust scale of a part's misfit to its free pose, in spacings
@@ -68,6 +69,11 @@ def canonical_equations(
         w = geman_mcclure(r * r + 0.1 * d * d, sigma) * np.where(agreement > 0.5, agreement, 0.0) * (d < max_distance)
         H[f], g[f] = normal_equations(y, z, nz, w, 0.03 * w, label, P)
     return H, g
+
+
+def last_sigma(noise: float) -> float:
+    """The robust scale when labels are settled and what does not fit is wrong. noise: of the surface, in spacings."""
+    return float(np.clip(FINE_NOISE * noise, FINE, FINE_MAX))
 
 
 def bundle_adjust(

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.fit.articulated import Articulated
-from rearticulate.fit.bundle import SIGMA, SIGMA_WIDE, bundle_adjust
+from rearticulate.fit.bundle import SIGMA, SIGMA_WIDE, bundle_adjust, last_sigma
 from rearticulate.fit.frames import Frames
-from rearticulate.fit.relaxed import spread_labels
+from rearticulate.fit.relaxed import spread_labels, surface_noise
 from rearticulate.geometry.se3 import exp_se3, inverse, log_se3
 
 Array = NDArray[np.floating]
@@ -55,4 +55,5 @@ def fill_in(
         spread = spread_labels(frames, canonical, tree.forward(), everything[frames.rows(canonical)])
         everything = np.where(seen, everything, spread)
         tree = bundle_adjust(frames, canonical, tree, everything, (sigma,), thorough=True, one_sided=missing)
-    return tree, everything
+    fine = last_sigma(surface_noise(frames, canonical, tree.forward(), everything))
+    return bundle_adjust(frames, canonical, tree, everything, (fine,), thorough=True, one_sided=missing), everything

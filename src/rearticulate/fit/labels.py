@@ -8,7 +8,8 @@ the point spacing and needs good motions.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
@@ -137,7 +138,6 @@ def sheet_evidence(
     candidates: NDArray[np.bool_],
     belief: Array | None,
     config: LabelConfig,
-    thickness: float,
     settled: NDArray[np.bool_] | None = None,
 ) -> Array:
     """(M, P) minus the support of the sheet through a point under each candidate part; IMPOSSIBLE elsewhere.
@@ -161,7 +161,7 @@ def sheet_evidence(
     valid[valid] = frame[j[valid]] != np.broadcast_to(frame[asked][:, None], j.shape)[valid]
     start = np.concatenate([[0], np.cumsum(valid.sum(axis=1))])
     support = _sheet_support(
-        z[asked], z, weight, start, j[valid], thickness, config.sheet_curvature, config.sheet_tries
+        z[asked], z, weight, start, j[valid], config.sheet_thickness, config.sheet_curvature, config.sheet_tries
     )
     out[point[asked], part[asked]] = -support
     return out
@@ -229,20 +229,25 @@ class Labeller:
                 return model
             model = drop_small(self.frames, model, np.nextafter(counts.min(), np.inf))
 
-    def fine(self, model: Relaxed, belief: Array | None, noise: float = 0.0) -> tuple[Relaxed, Array]:
-        """Labels by sheet evidence, and the belief (M, P) for the next call. noise: plane noise of the data.
+    def with_noise(self, noise: float) -> Labeller:
+        """The same for points that scatter about their surface by noise (spacings): no sheet is thinner than that."""
+        out = copy(self)
+        out.config = replace(self.config, sheet_thickness=max(self.config.sheet_thickness, noise))
+        return out
+
+    def fine(self, model: Relaxed, belief: Array | None) -> tuple[Relaxed, Array]:
+        """Labels by sheet evidence, and the belief (M, P) for the next call.
 
         A point whose part was certain in the last call only looks at parts that are near.
         """
         config = self.config
-        thickness = max(config.sheet_thickness, config.sheet_thickness_noise * noise)
         distance = part_distances(self.frames, model.labels, model.n_parts, config.sheet_candidates)
         candidates = np.isfinite(distance)
         settled = np.zeros_like(candidates)
         if belief is not None:
             own = np.eye(model.n_parts, dtype=bool)[model.labels]
             settled = (belief[own] > config.certain)[:, None] & (distance >= config.certain_radius) & ~own
-        U = sheet_evidence(self.frames, model.T, candidates, belief, config, thickness, settled)
+        U = sheet_evidence(self.frames, model.T, candidates, belief, config, settled)
         candidates &= ~settled
         belief = mean_field(U, self.space)
         graph = self.space.join(self._time(model.T, belief.argmax(axis=1), candidates), 0.5)

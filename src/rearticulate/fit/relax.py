@@ -14,7 +14,14 @@ from rearticulate.fit.cluster import cluster
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.labels import Labeller
 from rearticulate.fit.register import Schedule
-from rearticulate.fit.relaxed import Relaxed, drop_small, register_to_frames, register_to_fused, spread_labels
+from rearticulate.fit.relaxed import (
+    Relaxed,
+    drop_small,
+    register_to_frames,
+    register_to_fused,
+    spread_labels,
+    surface_noise,
+)
 from rearticulate.fit.repair import repair_poses
 from rearticulate.fit.track import track
 from rearticulate.fit.trial import Trials, trial_merge
@@ -50,6 +57,7 @@ def relax(
     model = trial_merge(frames, canonical, model, config.trial, config.trial.threshold, rng)
     model = repair_poses(frames, canonical, model, config.repair, rng)
     belief = None
+    labeller = labeller.with_noise(surface_noise(frames, canonical, model.T, model.labels))
     for i in range(2):
         progress("segment", 0.6 + 0.2 * i)
         model, belief = labeller.fine(register_to_fused(frames, canonical, model, 0.47), belief)

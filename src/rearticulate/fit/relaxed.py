@@ -133,8 +133,28 @@ def register_to_frames(frames: Frames, canonical: int, model: Relaxed, schedule:
     return Relaxed(T, model.labels)
 
 
+def match_fused(
+    frames: Frames, canonical: int, T: Array, fused: Fused, stride: int = 1, max_distance: float = 2.8
+) -> tuple[IntArray, Array, Array, Array, Array]:
+    """Every stride-th point of the other frames that has a counterpart: its row, itself y in the canonical frame, the
+    nearest fused point z of its part from another frame, the normal there, and the distance."""
+    rows = np.flatnonzero(frames.frame != canonical)[::stride]
+    labels, frame = fused.labels[rows], frames.frame[rows]
+    y = transform(inverse(T)[frame, labels], frames.points[rows])
+    z, n, d = fused.nearest_of_other_frames(y, labels, frame)
+    found = d < max_distance
+    return rows[found], y[found], z[found], n[found], d[found]
+
+
+def surface_noise(frames: Frames, canonical: int, T: Array, labels: IntArray) -> float:
+    """Robust deviation of the points from the surface of their part that the other frames' points make, in spacings."""
+    fused = fuse(frames, T, labels)
+    _, y, z, n, _ = match_fused(frames, canonical, T, fused, frames.stride)
+    return 1.48 * float(np.median(np.abs(np.einsum("ij,ij->i", y - z, n)))) if len(y) else 0.0
+
+
 def fused_equations(
-    frames: Frames, canonical: int, T: Array, fused: Fused, sigma: float, stride: int = 1, max_distance: float = 2.8
+    frames: Frames, canonical: int, T: Array, fused: Fused, sigma: float, stride: int = 1
 ) -> tuple[Array, Array]:
     """Normal equations H (F, P, 6, 6), g (F, P, 6) of the left twists of T from frame points against the fused cloud.
 
@@ -142,17 +162,11 @@ def fused_equations(
     only every stride-th point is asked, and counts for as many.
     """
     F, P = T.shape[:2]
-    T_back = inverse(T)
-    rows = np.flatnonzero(frames.frame != canonical)[::stride]
-    labels, frame = fused.labels[rows], frames.frame[rows]
-    y = transform(T_back[frame, labels], frames.points[rows])
-    z, n, d = fused.nearest_of_other_frames(y, labels, frame)
-    found = d < max_distance
+    rows, y, z, n, d = match_fused(frames, canonical, T, fused, stride)
     r = np.einsum("ij,ij->i", y - z, n)
-    d = np.where(found, d, 0.0)
-    w = stride * geman_mcclure(r * r + 0.1 * d * d, sigma) * found
-    H, g = normal_equations(y, z, n, w, 0.03 * w, frame * P + labels, F * P)
-    A = adjoint(T_back.reshape(-1, 4, 4))
+    w = stride * geman_mcclure(r * r + 0.1 * d * d, sigma)
+    H, g = normal_equations(y, z, n, w, 0.03 * w, frames.frame[rows] * P + fused.labels[rows], F * P)
+    A = adjoint(inverse(T).reshape(-1, 4, 4))
     A_t = np.swapaxes(A, -1, -2)
     return (A_t @ H @ A).reshape(F, P, 6, 6), -(A_t @ g[..., None])[..., 0].reshape(F, P, 6)
 

@@ -85,7 +85,7 @@ def cut_seams(
     candidates = np.isfinite(part_distances(frames, labels, tree.n_parts, config.zone))
     candidates = link_candidates(tree, labels, z, candidates, empty, config.link_reach)
     candidates &= np.isin(np.arange(tree.n_parts), np.concatenate([joints, tree.parent[joints]]))
-    U = sheet_evidence(frames, T, candidates, None, label_config, label_config.sheet_thickness)
+    U = sheet_evidence(frames, T, candidates, None, label_config)
     labels = labels.copy()
     limit = config.sacrifice * np.sqrt((frames.n_frames - 1) / 9)
     for j in joints:
