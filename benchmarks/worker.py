@@ -13,6 +13,7 @@ from typing import Any
 from cases import Case, data_folder, find_case
 from rearticulate.evaluate.metrics import evaluate
 from rearticulate.records import FitResult
+from seen import seen_metrics
 
 Fit = Callable[..., FitResult]
 
@@ -31,7 +32,10 @@ def run_case(case: Case, folder: Path, seed: int, fit: Fit) -> dict[str, Any]:
         "seconds": seconds,
         "stages": _seconds_by_stage(result),
         "peak_mb": peak_megabytes(),
-        "metrics": {m.key: float(m.value) for m in evaluate(result, truth, sequence)},
+        "metrics": {
+            **{m.key: float(m.value) for m in evaluate(result, truth, sequence)},
+            **seen_metrics(result, truth, sequence),
+        },
     }
 
 

@@ -36,6 +36,8 @@ def test_a_perfect_fit_is_perfect_in_every_case(data_folder, change):
     assert metrics["recon_cm"] == pytest.approx(0, abs=1e-6)
     assert metrics["rand_index_multi_scan"] == 1
     assert metrics["joint_type_share"] == 1
+    assert metrics["seen_recon_cm"] == pytest.approx(0, abs=1e-6)
+    assert metrics["seen_share"] > 0.9
     assert metrics["joint_axis_median_deg"] == pytest.approx(0, abs=1e-4)
     assert metrics["joint_position_median_percent"] == pytest.approx(0, abs=1e-4)
     assert json.loads(json.dumps(answer)) == answer
