@@ -102,7 +102,8 @@ class LabelConfig:
     sheet_radius: float = 2.6
     sheet_neighbours: int = 40
     sheet_tries: int = 20
-    sheet_thickness: float = 0.093  # or the noise of the surface, if that is more
+    sheet_thickness: float = 0.093  # of points without noise
+    sampling_noise: float = 0.25  # deviation from a surface that sampling alone may show; what is more is noise
     certain: float = 0.99  # a point that was this sure of its part ...
     certain_radius: float = 2.0  # ... has only candidates that are nearer than this
     sheet_curvature: float = 0.008  # thickness grows by this times the squared distance, per spacing

@@ -230,9 +230,10 @@ class Labeller:
             model = drop_small(self.frames, model, np.nextafter(counts.min(), np.inf))
 
     def with_noise(self, noise: float) -> Labeller:
-        """The same for points that scatter about their surface by noise (spacings): no sheet is thinner than that."""
-        out = copy(self)
-        out.config = replace(self.config, sheet_thickness=max(self.config.sheet_thickness, noise))
+        """The same for points that scatter about their surface by noise (spacings): sheets are thicker by it."""
+        out, config = copy(self), self.config
+        excess = max(noise**2 - config.sampling_noise**2, 0.0)
+        out.config = replace(config, sheet_thickness=float(np.sqrt(config.sheet_thickness**2 + excess)))
         return out
 
     def fine(self, model: Relaxed, belief: Array | None) -> tuple[Relaxed, Array]:
