@@ -2,18 +2,21 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 from rearticulate.config import TrialConfig
 from rearticulate.fit.frames import make_frames
 from rearticulate.fit.relaxed import Relaxed
 from rearticulate.fit.trial import Trials, shared_border, trial_merge
+from rearticulate.geometry.nearest import nearest
 
 
 def test_borders_are_symmetric_and_as_long_as_the_common_edge():
     x, y = np.meshgrid(np.arange(30.0), np.arange(20.0))
     points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
     labels = np.where(points[:, 0] < 10, 0, np.where(points[:, 1] < 15, 1, 2))
-    border = shared_border(points, labels, 4)
+    near = nearest(KDTree(points), points, k=9)[1][:, 1:]
+    border = shared_border(near, labels, 4)
     np.testing.assert_allclose(border, border.T)
     assert border[0, 1] == pytest.approx(15 * 3 / 8, rel=0.15)
     assert border[0, 2] == pytest.approx(5 * 3 / 8, rel=0.35)

@@ -59,11 +59,16 @@ def true_motion(truth: GroundTruth, canonical: int) -> Array:
     return truth.poses @ inverse(truth.poses[canonical])
 
 
-def _motion_metrics(result: FitResult, truth: GroundTruth, labels: IntArray) -> list[Metric]:
-    """Reconstruction error, and the errors of the flow between consecutive frames."""
+def point_motion(result: FitResult, truth: GroundTruth, labels: IntArray) -> tuple[Array, Array]:
+    """(F, N, 3) where the fit and the truth carry the canonical points, of true parts labels (N,)."""
     model, motion = result.model, result.motion
     predicted = transform(model.forward(motion.q, motion.T_world_root)[:, model.labels], model.points)
-    true = transform(true_motion(truth, model.canonical)[:, labels], model.points)
+    return predicted, transform(true_motion(truth, model.canonical)[:, labels], model.points)
+
+
+def _motion_metrics(result: FitResult, truth: GroundTruth, labels: IntArray) -> list[Metric]:
+    """Reconstruction error, and the errors of the flow between consecutive frames."""
+    predicted, true = point_motion(result, truth, labels)
     recon = np.linalg.norm(predicted - true, axis=-1).mean()
     flow = np.diff(true, axis=0)
     error = np.linalg.norm(np.diff(predicted, axis=0) - flow, axis=-1)

@@ -47,9 +47,7 @@ def point_misfit(
 
 def border_length(frames: Frames, labels: IntArray) -> float:
     """Mean share of a point's nearest neighbours in the same surface that belong to another part."""
-    near = frames.neighbours[:, :8]
-    offset = np.abs(np.einsum("nki,ni->nk", frames.points[near] - frames.points[:, None], frames.normals))
-    here = offset < SAME_SURFACE
+    near, here = frames.neighbours[:, :8], frames.offsets[:, :8] < SAME_SURFACE
     other = (labels[near] != labels[:, None]) & here
     return float((other.sum(axis=1) / np.maximum(here.sum(axis=1), 1)).mean())
 

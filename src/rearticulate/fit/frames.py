@@ -60,6 +60,12 @@ class Frames:
             ]
         )
 
+    @cached_property
+    def offsets(self) -> Array:
+        """(M, K) distance of each of `neighbours` from the tangent plane of the point."""
+        gap = self.points[self.neighbours] - self.points[:, None]
+        return np.abs(np.einsum("nki,ni->nk", gap, self.normals))
+
     def take(self, chosen: IntArray) -> Frames:
         """These frames (in order) alone, in the same unit; `order` still points into all frames of the input."""
         rows = np.flatnonzero(np.isin(self.frame, chosen))

@@ -47,10 +47,7 @@ def spatial_graph(frames: Frames, scale: float, offset_scale: float) -> Graph:
     tangent planes, so that two sheets that lie close together stay apart."""
     near = frames.neighbours
     gap = frames.points[near] - frames.points[:, None]
-    offset = np.maximum(
-        np.abs(np.einsum("nki,ni->nk", gap, frames.normals)),
-        np.abs(np.einsum("nki,nki->nk", gap, frames.normals[near])),
-    )
+    offset = np.maximum(frames.offsets, np.abs(np.einsum("nki,nki->nk", gap, frames.normals[near])))
     return Graph(near, np.exp(-((gap**2).sum(axis=-1) / scale**2) - (offset / offset_scale) ** 2))
 
 

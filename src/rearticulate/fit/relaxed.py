@@ -17,6 +17,7 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 CONVERGED = 5e-3  # a step that moves less than this many spacings is the last
+FUSED_REACH = 2.8  # spacings within which a point has a counterpart in the fused cloud
 APART = 1e4  # distance between the clouds of different parts in the 4D tree of `Fused`
 INFORMATION_SIGMA = 0.56  # robust scale at which the information of a pose is taken
 
@@ -134,7 +135,7 @@ def register_to_frames(frames: Frames, canonical: int, model: Relaxed, schedule:
 
 
 def match_fused(
-    frames: Frames, canonical: int, T: Array, fused: Fused, stride: int = 1, max_distance: float = 2.8
+    frames: Frames, canonical: int, T: Array, fused: Fused, stride: int = 1
 ) -> tuple[IntArray, Array, Array, Array, Array]:
     """Every stride-th point of the other frames that has a counterpart: its row, itself y in the canonical frame, the
     nearest fused point z of its part from another frame, the normal there, and the distance."""
@@ -142,7 +143,7 @@ def match_fused(
     labels, frame = fused.labels[rows], frames.frame[rows]
     y = transform(inverse(T)[frame, labels], frames.points[rows])
     z, n, d = fused.nearest_of_other_frames(y, labels, frame)
-    found = d < max_distance
+    found = d < FUSED_REACH
     return rows[found], y[found], z[found], n[found], d[found]
 
 

@@ -14,7 +14,7 @@ from rearticulate.config import RepairConfig
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.register import Schedule
 from rearticulate.fit.relaxed import Relaxed
-from rearticulate.fit.trial import Trials, flatten, mean_by
+from rearticulate.fit.trial import Trials, flatten, mean_by, shared_border
 from rearticulate.geometry.nearest import contact, nearest
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 
@@ -40,13 +40,10 @@ def about(R: Array, pivot: Array) -> Array:
     return T
 
 
-def border_neighbours(x: Array, labels: IntArray, P: int, n: int) -> list[list[int]]:
-    """For every part the n parts that share most of its border."""
-    j = nearest(KDTree(x), x, k=min(10, len(x)))[1]
-    shared = np.zeros((P, P))
-    np.add.at(shared, (np.repeat(labels, j.shape[1] - 1), labels[j[:, 1:]].ravel()), 1)
+def border_neighbours(near: IntArray, labels: IntArray, P: int, n: int) -> list[list[int]]:
+    """For every part the n parts that share most of its border. near (N, K): neighbours of every point."""
+    shared = shared_border(near, labels, P)
     np.fill_diagonal(shared, 0)
-    shared = shared + shared.T
     return [[int(b) for b in np.argsort(-shared[p], kind="stable")[:n] if shared[p, b] > 0] for p in range(P)]
 
 
@@ -61,7 +58,7 @@ class Repairer:
         self.parts = [p for p in range(model.n_parts) if (self.labels == p).sum() >= config.minimum_points]
         self.subsets = {p: self.trials.subset(self.labels, p, config.subset) for p in self.parts}
         self.few = {p: s[: config.pivot_subset] for p, s in self.subsets.items()}
-        self.near = border_neighbours(self.trials.x, self.labels, model.n_parts, 2)
+        self.near = border_neighbours(self.trials.near[:, :9], self.labels, model.n_parts, 2)
         self.pivots = {(p, b): self._contact(p, b) for p in self.parts for b in self.near[p]}
         self.usual: dict[int, float] = {}
         self.neighbours_of_canonical = (canonical - 1, canonical + 1)

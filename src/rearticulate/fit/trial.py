@@ -28,6 +28,7 @@ class Trials:
         rows = frames.rows(canonical)
         self.frames, self.canonical, self.rng = frames, canonical, rng
         self.x, self.nx = frames.points[rows], frames.normals[rows]
+        self.near = frames.neighbours[rows] - rows.start
         self.others = [f for f in range(frames.n_frames) if f != canonical]
 
     def subset(self, labels: IntArray, part: int, size: int) -> IntArray:
@@ -117,9 +118,9 @@ def _candidates(trials: Trials, labels: IntArray, parts: list[int], gap: float) 
     return pairs
 
 
-def shared_border(x: Array, labels: IntArray, P: int, neighbours: int = 8) -> Array:
-    """(P, P) length of the border between parts, in points: neighbours of points of one that belong to the other."""
-    near = nearest(KDTree(x), x, k=min(neighbours + 1, len(x)))[1][:, 1:]
+def shared_border(near: IntArray, labels: IntArray, P: int) -> Array:
+    """(P, P) length of the border between parts, in points: neighbours near (N, K) of points of one that belong to the
+    other."""
     pairs = np.bincount(np.repeat(labels, near.shape[1]) * P + labels[near].ravel(), minlength=P * P).reshape(P, P)
     return (pairs + pairs.T) / (2 * near.shape[1])
 
@@ -140,7 +141,7 @@ def trial_merge(
     pairs = _candidates(trials, labels, parts, config.gap)
     scores = try_pairs(trials, T, sorted(pairs), subsets, own) if pairs else {}
     while True:
-        border = shared_border(trials.x, labels, model.n_parts)
+        border = shared_border(trials.near[:, :8], labels, model.n_parts)
         counts = np.bincount(labels, minlength=model.n_parts)
         rank = {
             (a, b): score - config.border * border[a, b] / min(counts[a], counts[b])
