@@ -19,7 +19,7 @@ from scipy.spatial import KDTree
 from rearticulate.config import LabelConfig
 from rearticulate.fit.energy import evidence_frames, point_misfit
 from rearticulate.fit.frames import Frames
-from rearticulate.fit.relaxed import APART, Relaxed, drop_small
+from rearticulate.fit.relaxed import Relaxed, apart, drop_small
 from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import inverse, transform
 
@@ -145,7 +145,7 @@ def sheet_evidence(
     point, part = np.nonzero(candidates)
     z = transform(inverse(T)[frames.frame[point], part], frames.points[point])
     weight = np.ones(len(z)) if belief is None else 0.5 + 0.5 * belief[point, part]
-    keyed = np.column_stack([z, APART * part])
+    keyed = apart(z, part)
     possible = candidates if settled is None else candidates & ~settled
     asked = np.flatnonzero((doubtful(possible)[:, None] & possible)[point, part])
     out = np.where(possible, 0.0, IMPOSSIBLE)

@@ -18,7 +18,7 @@ IntArray = NDArray[np.integer]
 
 CONVERGED = 5e-3  # a step that moves less than this many spacings is the last
 FUSED_REACH = 2.8  # spacings within which a point has a counterpart in the fused cloud
-APART = 1e4  # distance between the clouds of different parts in the 4D tree of `Fused`
+APART = 1e4  # distance that `apart` puts between the clouds of different parts
 INFORMATION_SIGMA = 0.56  # robust scale at which the information of a pose is taken
 
 
@@ -83,12 +83,17 @@ def drop_small(frames: Frames, model: Relaxed, minimum: float) -> Relaxed:
     return model if len(keep) == model.n_parts else keep_parts(frames, model, keep)
 
 
+def apart(z: Array, label: IntArray) -> Array:
+    """(n, 3) points shifted by their part, so that one tree searches within one part at a time."""
+    return z + np.outer(label, [APART, 0.0, 0.0])
+
+
 @dataclass(frozen=True)
 class Fused:
     """All frames' points in the canonical frame, searchable within one part at a time.
 
     z (M, 3), labels (M,), frame (M,). surface (K,): rows of an even sample of them, with normals (K, 3); tree over
-    (z, APART * label) of the sample.
+    the sample `apart`.
     """
 
     z: Array
@@ -103,7 +108,7 @@ class Fused:
     ) -> tuple[Array, Array, Array]:
         """Nearest surface point z (n, 3) of the same part that comes from another frame, its normal and the distance
         (inf if there is none)."""
-        d, j = nearest(self.tree, np.column_stack([y, APART * label]), k=k)
+        d, j = nearest(self.tree, apart(y, label), k=k)
         j = np.minimum(j, len(self.surface) - 1)
         d = np.where((self.frame[self.surface[j]] == frame[:, None]) | (d > APART / 2), np.inf, d)
         rows = np.arange(len(y))
@@ -116,7 +121,7 @@ def fuse(frames: Frames, T: Array, labels: IntArray, neighbours: int = 16, dense
     """Bring all points to the canonical frame; normals from the fused cloud of each part. dense: no sample."""
     z = to_canonical(frames, T, labels)
     surface = np.arange(0, len(z), 1 if dense else frames.stride)
-    keyed = np.column_stack([z, APART * labels])[surface]
+    keyed = apart(z[surface], labels[surface])
     tree = KDTree(keyed)
     d, j = nearest(tree, keyed, k=min(neighbours, len(keyed)))
     j = np.where(d < APART / 2, j, j[:, :1])
