@@ -40,8 +40,8 @@ def articulate(
     rng: np.random.Generator,
     progress: Callable[[str, float], None],
 ) -> tuple[Articulated, IntArray]:
-    """Tree, bundle adjustment, labels and repairs in turn; then a new look at the structure, as long as that lowers
-    the energy. The look with the lowest energy is kept.
+    """Tree, bundle adjustment, labels and repairs in turn; then a new look at the structure, as long as that finds
+    another one and lowers the energy. The look with the lowest energy is kept.
 
     Returns the model and the labels (M,) of all points.
     """
@@ -53,6 +53,8 @@ def articulate(
         progress("articulate", look / LOOKS)
         if best is not None:
             start = restructure(frames, canonical, best.tree, best.labels, relaxed, config, rng)
+            if same_structure(start, best):
+                break
         new, value = adjust(frames, canonical, start, labeller, config, rng)
         gain = lowest - value
         if gain > 0:
@@ -80,6 +82,20 @@ class Look:
 
     def energy(self, frames: Frames) -> float:
         return energy(frames, self.tree.forward(), self.labels)
+
+
+def same_structure(start: Projection, look: Look) -> bool:
+    """Is this the look's tree again, part by part (those that share most points) and joint by joint?"""
+    tree, P = start.tree, start.tree.n_parts
+    if len(start.hidden) or P != look.tree.n_parts:
+        return False
+    match = np.bincount(start.starts[0] * P + look.labels, minlength=P * P).reshape(P, P).argmax(axis=1)
+    return (
+        len(np.unique(match)) == P
+        and match[0] == 0
+        and np.array_equal(match[tree.parent[1:]], look.tree.parent[match[1:]])
+        and np.array_equal(tree.revolute, look.tree.revolute[match])
+    )
 
 
 def adjust(
