@@ -165,27 +165,25 @@ def sheet_evidence(
 
 
 @numba.njit(cache=True, nogil=True, fastmath=True)
-def _mean_field_sweep(unary, q, neighbour, weight, active, out):
-    M, P = unary.shape
-    for i in range(M):
-        if not active[i]:
-            out[i] = q[i]
-            continue
-        z = np.empty(P, dtype=np.float32)
-        for p in range(P):
-            z[p] = -unary[i, p]
-        for k in range(neighbour.shape[1]):
-            w, j = weight[i, k], neighbour[i, k]
+def _mean_field_sweep(unary, q, neighbour, weight, point, first, label, out):
+    """One sweep over the points (n,) with a choice; point k chooses among label[first[k] : first[k + 1]]."""
+    z = np.empty(unary.shape[1], dtype=np.float32)
+    for k in range(len(point)):
+        i, mine = point[k], label[first[k] : first[k + 1]]
+        for c in range(len(mine)):
+            z[c] = -unary[i, mine[c]]
+        for m in range(neighbour.shape[1]):
+            w, j = weight[i, m], neighbour[i, m]
             if w > 0:
-                for p in range(P):
-                    z[p] += w * q[j, p]
-        top = z.max()
+                for c in range(len(mine)):
+                    z[c] += w * q[j, mine[c]]
+        top = z[: len(mine)].max()
         total = np.float32(0.0)
-        for p in range(P):
-            z[p] = np.exp(z[p] - top)
-            total += z[p]
-        for p in range(P):
-            out[i, p] = np.float32(0.5) * q[i, p] + np.float32(0.5) * z[p] / total
+        for c in range(len(mine)):
+            z[c] = np.exp(z[c] - top)
+            total += z[c]
+        for c in range(len(mine)):
+            out[i, mine[c]] = np.float32(0.5) * q[i, mine[c]] + np.float32(0.5) * z[c] / total
 
 
 def mean_field(unary: Array, graph: Graph, iterations: int = 20) -> Array:
@@ -193,10 +191,13 @@ def mean_field(unary: Array, graph: Graph, iterations: int = 20) -> Array:
     U = (unary - unary.min(axis=1, keepdims=True)).astype(np.float32)
     q = np.exp(-np.minimum(U, 50.0))
     q /= q.sum(axis=1, keepdims=True)
-    active = (U < 0.5 * IMPOSSIBLE).sum(axis=1) > 1
-    weight, out = graph.weight.astype(np.float32), np.empty_like(q)
+    possible = U < 0.5 * IMPOSSIBLE
+    point = np.flatnonzero(doubtful(possible))
+    first = np.concatenate([[0], np.cumsum(possible[point].sum(axis=1))])
+    label = np.nonzero(possible[point])[1]
+    weight, out = graph.weight.astype(np.float32), q.copy()
     for _ in range(iterations):
-        _mean_field_sweep(U, q, graph.neighbour, weight, active, out)
+        _mean_field_sweep(U, q, graph.neighbour, weight, point, first, label, out)
         q, out = out, q
     return q
 
