@@ -14,6 +14,8 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 PER_JOINT = 0.002  # what a joint must earn: an empty joint must not win by chance
+PER_EMPTY = 0.004  # ... and a link without points: the border it saves must not pay for it
+EMPTY = 5.0  # points a frame that a link shows at least
 PER_BORDER = 0.2  # a patch that slides in itself fits two parts: it must not go to the one it fits better by chance
 SAME_SURFACE = 0.8  # neighbours that lie farther than this from a point's tangent plane are of another surface
 
@@ -56,7 +58,9 @@ def energy(frames: Frames, T: Array, labels: IntArray) -> float:
     """Mean misfit over every second point of all frames, plus the prices of joints and borders."""
     rows = np.arange(0, len(labels), 2)
     misfit = float(point_misfit(frames, T, labels[rows], rows).mean())
-    return misfit + PER_JOINT * (T.shape[1] - 1) + PER_BORDER * border_length(frames, labels)
+    P = T.shape[1]
+    empty = int((np.bincount(labels, minlength=P) < EMPTY * frames.n_frames).sum())
+    return misfit + PER_JOINT * (P - 1) + PER_EMPTY * empty + PER_BORDER * border_length(frames, labels)
 
 
 def frame_residual(frames: Frames, canonical: int, T: Array, labels: IntArray) -> Array:
