@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rearticulate.fit.energy import PER_BORDER, PER_JOINT, border_length, energy, point_misfit
+from rearticulate.fit.energy import PER_BORDER, PER_EMPTY, PER_JOINT, border_length, energy, point_misfit
 from rearticulate.fit.frames import make_frames
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 
@@ -52,3 +52,4 @@ def test_the_true_motion_has_the_least_energy_and_every_part_has_its_price():
     half = (frames.points[:, 0] > 0).astype(int)
     expected = best + PER_JOINT + PER_BORDER * border_length(frames, half)
     assert energy(frames, two, half) == pytest.approx(expected)
+    assert energy(frames, two, one) == pytest.approx(best + PER_JOINT + PER_EMPTY)

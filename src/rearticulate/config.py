@@ -150,6 +150,7 @@ class SeamConfig:
     misfit: float = 0.1  # ... and growth of their misfit to the other frames
     minimum_support: float = 5.0  # a link with fewer points a frame may claim points near the gap it bridges
     link_reach: float = 12.0
+    claim: float = 0.25  # cuts that give it up to this share of the sacrifice too much count as equal to the best
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from rearticulate.fit.frames import Frames
 from rearticulate.fit.labels import part_distances, sheet_evidence
 from rearticulate.fit.relaxed import to_canonical
 from rearticulate.geometry.nearest import contact, nearest
+from rearticulate.geometry.se3 import inverse, transform
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -48,9 +49,10 @@ def best_cut(along: Array, favour: Array, slack: float, bin_width: float, peak: 
 
 
 def link_candidates(
-    tree: Articulated, labels: IntArray, z: Array, candidates: NDArray, empty: NDArray, reach: float
+    frames: Frames, tree: Articulated, labels: IntArray, z: Array, candidates: NDArray, empty: NDArray, reach: float
 ) -> NDArray:
-    """Candidates (M, P) where an empty link (P,) may also claim what lies within reach of the gap it bridges."""
+    """Candidates (M, P) where an empty link (P,) may also claim what lies, carried by its own motion, within reach of
+    the gap it bridges."""
     out = candidates.copy()
     for v in np.flatnonzero(empty):
         above = int(tree.parent[v])
@@ -59,7 +61,9 @@ def link_candidates(
             if v == 0 or len(za) == 0 or len(zb) == 0:
                 continue
             bridge = contact(zb, za, 40)
-            out[:, v] |= (np.linalg.norm(z - bridge, axis=1) < reach) & np.isin(labels, np.array([above, below]))
+            rows = np.flatnonzero(np.isin(labels, np.array([above, below])))
+            mine = transform(inverse(tree.forward()[:, v])[frames.frame[rows]], frames.points[rows])
+            out[rows, v] |= np.linalg.norm(mine - bridge, axis=1) < reach
     return out
 
 
@@ -83,9 +87,10 @@ def cut_seams(
     T = tree.forward()
     z = to_canonical(frames, T, labels)
     candidates = np.isfinite(part_distances(frames, labels, tree.n_parts, config.zone))
-    candidates = link_candidates(tree, labels, z, candidates, empty, config.link_reach)
     candidates &= np.isin(np.arange(tree.n_parts), np.concatenate([joints, tree.parent[joints]]))
-    U = sheet_evidence(frames, T, candidates, None, label_config)
+    sheets = link_candidates(frames, tree, labels, z, candidates, empty, config.link_reach + label_config.sheet_radius)
+    U = sheet_evidence(frames, T, sheets, None, label_config)
+    candidates = link_candidates(frames, tree, labels, z, candidates, empty, config.link_reach)
     labels = labels.copy()
     limit = config.sacrifice * np.sqrt((frames.n_frames - 1) / 9)
     for j in joints:
@@ -93,9 +98,11 @@ def cut_seams(
         zone = np.flatnonzero(((labels == j) | (labels == p)) & candidates[:, j] & candidates[:, p])
         if len(zone) < config.minimum_points:
             continue
-        new = _cut(z[zone], labels[zone], U[zone, p] - U[zone, j], int(j), p, tree.twist[j, :3], limit, config)
+        vacant = bool(empty[[j, p]].any())
+        slack = config.claim * limit * len(zone) if vacant else config.slack * np.sqrt(len(zone))
+        new = _cut(z[zone], labels[zone], U[zone, p] - U[zone, j], int(j), p, tree.twist[j, :3], limit, slack, config)
         changed = zone[new != labels[zone]]
-        if len(changed) and not empty[[j, p]].any():
+        if len(changed) and not vacant:
             other = np.where(labels[changed] == j, p, j)
             worse = point_misfit(frames, T, other, changed) - point_misfit(frames, T, labels[changed], changed)
             if worse.mean() > config.misfit:
@@ -105,14 +112,22 @@ def cut_seams(
 
 
 def _cut(
-    z: Array, labels: IntArray, favour: Array, j: int, p: int, axis: Array, limit: float, config: SeamConfig
+    z: Array,
+    labels: IntArray,
+    favour: Array,
+    j: int,
+    p: int,
+    axis: Array,
+    limit: float,
+    slack: float,
+    config: SeamConfig,
 ) -> IntArray:
     """Labels of one border zone, cut if that gives up little evidence. favour: evidence for j over p."""
     near = nearest(KDTree(z), z, k=min(config.neighbours, len(z)))[1]
     favour = favour[near].mean(axis=1)
     along = z @ axis
     mild = np.clip(favour, -config.doubt, config.doubt)
-    place, side = best_cut(along, mild, config.slack * np.sqrt(len(z)), config.bin_width, config.peak)
+    place, side = best_cut(along, mild, slack, config.bin_width, config.peak)
     new = np.where(side * (along - place) > 0, j, p)
     against = favour * np.where(new == j, -1, 1)  # evidence against the cut, point by point
     changed = new != labels
