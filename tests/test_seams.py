@@ -45,9 +45,7 @@ def test_an_empty_link_takes_its_round_housing_back():
     frames = make_frames(clouds)
     true = np.concatenate(true)[frames.order]
     # the root stands still, so its pose stays the identity under the change of origin and unit
-    tree = Articulated(
-        PARENT, twists(-frames.centre / frames.unit), np.ones(3, bool), q, np.tile(np.eye(4), (F, 1, 1))
-    )
+    tree = Articulated(PARENT, twists(-frames.centre / frames.unit), np.ones(3, bool), q, np.tile(np.eye(4), (F, 1, 1)))
     lost = np.where(true == 1, 2, true)
     labels = cut_seams(frames, tree, lost, LabelConfig(), SeamConfig(), only_empty=True)
     claimed = true[labels == 1]

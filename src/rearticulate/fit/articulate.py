@@ -86,8 +86,8 @@ class Look:
 
 def same_structure(start: Projection, look: Look) -> bool:
     """Is this the look's tree again, part by part (those that share most points) and joint by joint?"""
-    tree, P = start.tree, start.tree.n_parts
-    if len(start.hidden) or P != look.tree.n_parts:
+    tree, P = start.tree, look.tree.n_parts
+    if len(start.hidden) or tree.n_parts != P:
         return False
     match = np.bincount(start.starts[0] * P + look.labels, minlength=P * P).reshape(P, P).argmax(axis=1)
     return (

@@ -17,6 +17,7 @@ IntArray = NDArray[np.integer]
 SIGMA_WIDE, SIGMA = 1.5, 0.56  # robust scales of a point, first and usual, in spacings
 FINE, FINE_NOISE, FINE_MAX = 0.2, 2.5, 0.8  # the last scale: at least, in units of the noise, at most
 INNER = 4
+REACH = 5.6  # spacings beyond which a moved canonical point has no counterpart
 POSE_STEPS = 15
 POSE_SIGMA = 1.0  # robust scale of a part's misfit to its free pose, in spacings
 
@@ -53,7 +54,6 @@ def canonical_equations(
     labels: IntArray,
     sigma: float,
     skip: IntArray | None = None,
-    max_distance: float = 5.6,
 ) -> tuple[Array, Array]:
     """Normal equations H (F, P, 6, 6), g (F, P, 6) of the canonical points moved onto every frame but those to skip."""
     F, P = T.shape[:2]
@@ -66,7 +66,7 @@ def canonical_equations(
         tree, normals = frames.trees[f], frames.normals[frames.rows(f)]
         y, ny = transform(T[f, label], x), rotate(T[f, label], nx)
         z, nz, d, r, agreement = match(tree, normals, y, ny)
-        w = geman_mcclure(r * r + 0.1 * d * d, sigma) * np.where(agreement > 0.5, agreement, 0.0) * (d < max_distance)
+        w = geman_mcclure(r * r + 0.1 * d * d, sigma) * np.where(agreement > 0.5, agreement, 0.0) * (d < REACH)
         H[f], g[f] = normal_equations(y, z, nz, w, 0.03 * w, label, P)
     return H, g
 
