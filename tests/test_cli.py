@@ -140,6 +140,12 @@ def test_a_stopped_fit_goes_on(
     other = run(*fit, "--resume", "--seed", 5)
     assert other.exit_code == 2
     assert "other settings" in one_line(other)
+    moved = tmp_path / "moved.npz"
+    with np.load(sequence_file) as stored:
+        np.savez(moved, points=stored["points"] + 0.1)
+    other = run("fit", moved, "-o", out, "--no-report", "--resume")
+    assert other.exit_code == 2
+    assert "another sequence" in one_line(other)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,8 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from rearticulate.commands.outcome import say
 from rearticulate.commands.progress import StageProgress
 from rearticulate.commands.show import print_json, show_metrics, show_result
@@ -53,11 +55,13 @@ class FitOptions:
 def run_fit(source: str, out: Path, options: FitOptions, scale: float, max_points: int, as_json: bool) -> None:
     """The command `fit`."""
     config, canonical = options.resolve(), options.canonical_frame()
-    if options.resume and not options.overwrite and (out / "model.json").exists():
-        result, sequence = _finished(out, config, options.seed)
-    else:
+    finished = options.resume and not options.overwrite and (out / "model.json").exists()
+    if not finished:
         check_output(out, overwrite=options.overwrite)
-        sequence = load_sequence(source, scale=scale, max_points=max_points, seed=options.seed)
+    sequence = load_sequence(source, scale=scale, max_points=max_points, seed=options.seed)
+    if finished:
+        result = _finished(out, sequence, config, canonical, options.seed)
+    else:
         result = fit_with_progress(sequence, config, canonical, out, options)
         write_result(out, result, sequence, None, options)
     if as_json:
@@ -123,13 +127,20 @@ def write_result(
     save_result(out, result, sequence, overwrite=options.overwrite, extra=report if options.report else None)
 
 
-def _finished(out: Path, config: FitConfig, seed: int) -> tuple[FitResult, PointSequence]:
-    """The result that is there already, if it was made with the same settings."""
-    result = load_result(out)
-    if result.seed != seed or jsonable(result.config) != jsonable(dataclasses.asdict(config)):
-        raise InputError(f"{out}: holds a result made with other settings; ask for --overwrite or name another folder")
+def _finished(out: Path, sequence: PointSequence, config: FitConfig, canonical: int | None, seed: int) -> FitResult:
+    """The result that is there already, if it was made from the same points with the same settings."""
+    result, fitted = load_result(out), load_sequence_of(out)
+    other = "; ask for --overwrite or name another folder"
+    if (
+        result.seed != seed
+        or jsonable(result.config) != jsonable(dataclasses.asdict(config))
+        or canonical not in (None, result.model.canonical)
+    ):
+        raise InputError(f"{out}: holds a result made with other settings{other}")
+    if len(sequence) != len(fitted) or not all(map(np.array_equal, sequence.points, fitted.points)):
+        raise InputError(f"{out}: holds the result of another sequence{other}")
     say(f"{out}: complete already, nothing to resume")
-    return result, load_sequence_of(out)
+    return result
 
 
 def _written(out: Path) -> str:
