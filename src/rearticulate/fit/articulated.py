@@ -78,12 +78,15 @@ def reduced_system(model: Articulated, canonical: int, H: Array, g: Array) -> tu
     own, shared = P - 1 + 6, 6 * (P - 1)
     moving = [f for f in range(F) if f != canonical]
     A, b = np.zeros((len(moving) * own + shared,) * 2), np.zeros(len(moving) * own + shared)
+    common = slice(len(moving) * own, None)
     for k, f in enumerate(moving):
         Jf = J[f].reshape(6 * P, -1)
         block = Jf.T @ (H[f] @ J[f]).reshape(6 * P, -1)
-        rows = np.concatenate([np.arange(k * own, (k + 1) * own), np.arange(len(moving) * own, len(A))])
-        A[np.ix_(rows, rows)] += block
-        b[rows] += Jf.T @ g[f].reshape(-1)
+        gradient = Jf.T @ g[f].reshape(-1)
+        for u, here in ((slice(k * own, (k + 1) * own), slice(own)), (common, slice(own, None))):
+            b[u] += gradient[here]
+            A[u, k * own : (k + 1) * own] += block[here, :own]
+            A[u, common] += block[here, own:]
     return A, b, moving
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from rearticulate.config import RepairConfig
 from rearticulate.fit.articulated import Articulated
@@ -18,7 +17,7 @@ from rearticulate.fit.frames import Frames
 from rearticulate.fit.register import Schedule, fit_cost, geman_mcclure, match, normal_equations
 from rearticulate.fit.trial import flatten, mean_by
 from rearticulate.geometry.kinematics import forward_kinematics, joint_jacobian
-from rearticulate.geometry.nearest import nearest
+from rearticulate.geometry.nearest import nearest, quick_tree
 from rearticulate.geometry.se3 import rotate, transform
 
 Array = NDArray[np.floating]
@@ -98,7 +97,7 @@ class JointRepairer:
             mine, u = lonely[key]
             if len(u):
                 moved = transform(poses[c, self.labels[mine]], self.x[mine])
-                d = nearest(KDTree(moved), u, within=self.config.reach)[0]
+                d = nearest(quick_tree(moved), u, within=self.config.reach)[0]
                 out[c] = np.minimum(d, self.config.reach).sum() * self.config.backward_weight / max(len(mine), 20)
         return out
 
@@ -107,7 +106,7 @@ class JointRepairer:
         target = self.frames.trees[f].data
         if len(others) == 0:
             return target[:0]
-        far = nearest(KDTree(others), target, within=self.config.unexplained)[0] > self.config.unexplained
+        far = nearest(quick_tree(others), target, within=self.config.unexplained)[0] > self.config.unexplained
         u = target[far]
         return u[:: max(1, len(u) // self.config.max_unexplained)]
 

@@ -20,7 +20,7 @@ from rearticulate.config import LabelConfig
 from rearticulate.fit.energy import evidence_frames, point_misfit
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.relaxed import Relaxed, apart, drop_small
-from rearticulate.geometry.nearest import nearest
+from rearticulate.geometry.nearest import nearest, quick_tree
 from rearticulate.geometry.se3 import inverse, transform
 
 Array = NDArray[np.floating]
@@ -73,7 +73,10 @@ def part_distances(frames: Frames, labels: IntArray, P: int, radius: float) -> A
     for f in range(frames.n_frames):
         rows, tree = frames.rows(f), frames.trees[f]
         for p in np.unique(labels[rows]):
-            out[rows, p] = nearest(KDTree(tree.data[labels[rows] == p]), tree.data, within=radius)[0]
+            members = tree.data[labels[rows] == p]
+            low, high = members.min(axis=0) - radius, members.max(axis=0) + radius
+            close = np.flatnonzero(((tree.data > low) & (tree.data < high)).all(axis=1))
+            out[frames.start[f] + close, p] = nearest(quick_tree(members), tree.data[close], within=radius)[0]
     return out
 
 

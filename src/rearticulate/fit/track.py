@@ -17,7 +17,7 @@ from scipy.spatial import KDTree
 from rearticulate.config import TrackConfig
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.register import geman_mcclure, match, normal_equations
-from rearticulate.geometry.nearest import farthest_points, nearest
+from rearticulate.geometry.nearest import farthest_points, nearest, quick_tree
 from rearticulate.geometry.se3 import exp_se3, inverse, rotate, transform
 
 Array = NDArray[np.floating]
@@ -176,7 +176,7 @@ def _match_backward(patches: Patches, T: Array, tree: KDTree, target_normals: Ar
     """Normal equations of target points to their nearest patch points: what is observed must be explained."""
     y = transform(T[patches.owner], patches.points)
     ny = rotate(T[patches.owner], patches.normals)
-    d, j = nearest(KDTree(y, balanced_tree=False, compact_nodes=False), tree.data)
+    d, j = nearest(quick_tree(y), tree.data)
     agreement = np.abs(np.einsum("ij,ij->i", ny[j], target_normals))
     w = geman_mcclure(d * d, 1.5 * sigma) * np.maximum(agreement, 0.1) * 0.64 * patches.count / tree.n
     return normal_equations(y[j], tree.data, target_normals, w, 0.5 * w, patches.owner[j], patches.count)
