@@ -49,34 +49,50 @@ def weld(tree: Articulated, j: int, k: int) -> tuple[Articulated, IntArray]:
 
 
 @dataclass(frozen=True)
-class Weld:
-    """A smaller tree, the number (P,) every part has in it, and its misfit to the poses of the larger tree."""
+class Poses:
+    """What a smaller tree must reach: the part poses T (F, P, 4, 4) of a tree and their information H (F, P, 6, 6)."""
 
+    T: Array
+    H: Array
+
+
+@dataclass(frozen=True)
+class Weld:
+    """Part j made one with part k: the smaller tree, the number (P,) every part has in it, and its misfit.
+
+    The misfit to the poses of the larger tree is a root mean square, in spacings, over the points of the smaller part.
+    """
+
+    j: int
+    k: int
     tree: Articulated
     number: IntArray
     misfit: float
 
 
-def possible_welds(frames: Frames, canonical: int, tree: Articulated, labels: IntArray) -> list[Weld]:
-    """The tree without one joint, for every joint, with the others adjusted to make up for it; least misfit first.
-
-    A part joins its parent, or a part that touches it and hangs on the same parent. The misfit is a root mean square,
-    in spacings, over the points of the smaller of the two.
-    """
+def poses_of(frames: Frames, canonical: int, tree: Articulated, labels: IntArray) -> Poses:
     T = tree.forward()
     H, _ = fused_equations(frames, canonical, T, fuse(frames, T, labels), INFORMATION_SIGMA, frames.stride)
-    points = points_behind(H)
+    return Poses(T, H)
+
+
+def try_weld(canonical: int, tree: Articulated, poses: Poses, j: int, k: int) -> Weld:
+    """The tree without the joint between j and k, with the others adjusted to make up for it."""
+    smaller, number = weld(tree, j, k)
+    smaller, misfit = adjust_to_poses(smaller, canonical, number, poses.T, poses.H, sigma=WIDE)
+    points = points_behind(poses.H)
+    few = min(points[:, j].sum(), points[:, k].sum())
+    return Weld(j, k, smaller, number, float(np.sqrt((misfit * points).sum() / (few + 1e-9))))
+
+
+def possible_welds(frames: Frames, canonical: int, tree: Articulated, labels: IntArray, poses: Poses) -> list[Weld]:
+    """One for every joint, least misfit first: a part joins its parent, or a part that touches it and hangs on the same
+    parent."""
     rows = frames.rows(canonical)
     touching = adjacent_labels(frames.points[rows], labels[rows])
     pairs = [(j, int(tree.parent[j])) for j in range(1, tree.n_parts)]
     pairs += [(b, a) for a, b in sorted(touching) if a > 0 and tree.parent[a] == tree.parent[b]]
-    out = []
-    for j, k in pairs:
-        smaller, number = weld(tree, j, k)
-        smaller, misfit = adjust_to_poses(smaller, canonical, number, T, H, sigma=WIDE)
-        few = min(points[:, j].sum(), points[:, k].sum())
-        out.append(Weld(smaller, number, float(np.sqrt((misfit * points).sum() / (few + 1e-9)))))
-    return sorted(out, key=lambda w: w.misfit)
+    return sorted((try_weld(canonical, tree, poses, j, k) for j, k in pairs), key=lambda w: w.misfit)
 
 
 def simplify(
@@ -84,16 +100,26 @@ def simplify(
 ) -> tuple[Articulated, IntArray, float]:
     """Weld joints, the least needed first, while the energy does not rise. Returns tree, labels (M,) and energy."""
     value = energy(frames, tree.forward(), labels)
-    searching = tree.n_parts > 1
-    while searching:
-        searching = False
-        likely = [w for w in possible_welds(frames, canonical, tree, labels) if w.misfit < config.weld]
-        for option in likely[:TRIES]:
+    before = tree.n_parts + 1
+    while 1 < tree.n_parts < before:
+        before = tree.n_parts
+        poses = poses_of(frames, canonical, tree, labels)
+        likely = [w for w in possible_welds(frames, canonical, tree, labels, poses) if w.misfit < config.weld]
+        now, failures = np.arange(tree.n_parts), 0  # now: the number of each part after the welds of this round
+        for option in likely:
+            if tree.n_parts < before:
+                j, k = int(now[option.j]), int(now[option.k])
+                if j == k:
+                    continue
+                option = try_weld(canonical, tree, poses, j, k)
+                if option.misfit >= config.weld:
+                    continue
             merged = option.number[labels]
             smaller = bundle_adjust(frames, canonical, option.tree, merged, (SIGMA,))
             new = energy(frames, smaller.forward(), merged)
             if new < value:
-                tree, labels, value = smaller, merged, new
-                searching = tree.n_parts > 1
+                tree, labels, value, now = smaller, merged, new, option.number[now]
+                poses = poses_of(frames, canonical, tree, labels)
+            elif (failures := failures + 1) == TRIES:
                 break
     return tree, labels, value
