@@ -106,14 +106,13 @@ def simplify(
         poses = poses_of(frames, canonical, tree, labels)
         likely = [w for w in possible_welds(frames, canonical, tree, labels, poses) if w.misfit < config.weld]
         now, failures = np.arange(tree.n_parts), 0  # now: the number of each part after the welds of this round
-        for option in likely:
-            if tree.n_parts < before:
-                j, k = int(now[option.j]), int(now[option.k])
-                if j == k:
-                    continue
-                option = try_weld(canonical, tree, poses, j, k)
-                if option.misfit >= config.weld:
-                    continue
+        for found in likely:
+            j, k = int(now[found.j]), int(now[found.k])
+            if j == k:
+                continue
+            option = found if tree.n_parts == before else try_weld(canonical, tree, poses, j, k)
+            if option.misfit >= config.weld:
+                continue
             merged = option.number[labels]
             smaller = bundle_adjust(frames, canonical, option.tree, merged, (SIGMA,))
             new = energy(frames, smaller.forward(), merged)
