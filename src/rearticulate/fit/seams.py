@@ -18,7 +18,6 @@ from rearticulate.fit.frames import Frames
 from rearticulate.fit.labels import part_distances, sheet_evidence
 from rearticulate.fit.relaxed import to_canonical
 from rearticulate.geometry.nearest import contact, nearest
-from rearticulate.geometry.se3 import inverse, transform
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -48,22 +47,20 @@ def best_cut(along: Array, favour: Array, slack: float, bin_width: float, peak: 
     return float((low + high) / 2), side
 
 
-def link_candidates(
-    frames: Frames, tree: Articulated, labels: IntArray, z: Array, candidates: NDArray, empty: NDArray, reach: float
-) -> NDArray:
-    """Candidates (M, P) where an empty link (P,) may also claim what lies, carried by its own motion, within reach of
-    the gap it bridges."""
-    out = candidates.copy()
+def gap_distances(frames: Frames, tree: Articulated, T: Array, labels: IntArray, z: Array, empty: NDArray) -> Array:
+    """(M, P) distance of a point, carried by an empty link's own motion T (F, P, 4, 4), from the gap that the link
+    bridges; inf where the link has no claim."""
+    out = np.full((len(labels), tree.n_parts), np.inf)
     for v in np.flatnonzero(empty):
         above = int(tree.parent[v])
         for below in np.flatnonzero(tree.parent == v):
             za, zb = z[labels == above], z[labels == below]
             if v == 0 or len(za) == 0 or len(zb) == 0:
                 continue
-            bridge = contact(zb, za, 40)
-            rows = np.flatnonzero(np.isin(labels, np.array([above, below])))
-            mine = transform(inverse(tree.forward()[:, v])[frames.frame[rows]], frames.points[rows])
-            out[rows, v] |= np.linalg.norm(mine - bridge, axis=1) < reach
+            mine = to_canonical(frames, T, np.full(len(labels), v))
+            distance = np.linalg.norm(mine - contact(zb, za, 40), axis=1)
+            beside = (labels == above) | (labels == below)
+            out[beside, v] = np.minimum(out[beside, v], distance[beside])
     return out
 
 
@@ -88,9 +85,10 @@ def cut_seams(
     z = to_canonical(frames, T, labels)
     candidates = np.isfinite(part_distances(frames, labels, tree.n_parts, config.zone))
     candidates &= np.isin(np.arange(tree.n_parts), np.concatenate([joints, tree.parent[joints]]))
-    sheets = link_candidates(frames, tree, labels, z, candidates, empty, config.link_reach + label_config.sheet_radius)
+    gap = gap_distances(frames, tree, T, labels, z, empty)
+    sheets = candidates | (gap < config.link_reach + label_config.sheet_radius)
     U = sheet_evidence(frames, T, sheets, None, label_config)
-    candidates = link_candidates(frames, tree, labels, z, candidates, empty, config.link_reach)
+    candidates |= gap < config.link_reach
     labels = labels.copy()
     limit = config.sacrifice * np.sqrt((frames.n_frames - 1) / 9)
     for j in joints:
