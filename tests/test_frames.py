@@ -102,5 +102,5 @@ def test_normals_of_a_sphere():
 def test_the_smallest_direction_of_each_set():
     rng = np.random.default_rng(6)
     patches = rng.normal(size=(3, 50, 3)) * np.array([[[5, 3, 0.1]], [[0.1, 5, 3]], [[3, 0.1, 5]]]) + 100
-    found = np.abs(smallest_direction(patches))
+    found = np.abs(smallest_direction(patches.reshape(-1, 3), np.arange(150).reshape(3, 50)))
     np.testing.assert_allclose(found, [[0, 0, 1], [1, 0, 0], [0, 1, 0]], atol=0.05)

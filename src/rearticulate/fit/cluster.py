@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from rearticulate.config import ClusterConfig
 from rearticulate.fit.track import Tracks
-from rearticulate.geometry.nearest import nearest
+from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
 
 Array = NDArray[np.floating]
@@ -92,7 +91,7 @@ def moments(x: Array, y: Array, label: IntArray, K: int) -> Moments:
 
 def adjacent_labels(points: Array, label: IntArray, neighbours: int = 10) -> set[tuple[int, int]]:
     """Pairs of labels (a < b) that touch in the nearest-neighbour graph."""
-    _, j = nearest(KDTree(points), points, k=min(neighbours, len(points)))
+    _, j = nearest(search_tree(points), points, k=min(neighbours, len(points)))
     a, b = np.repeat(label, j.shape[1] - 1), label[j[:, 1:]].ravel()
     pairs = np.unique(np.sort(np.stack([a, b], 1)[a != b], axis=1), axis=0)
     return {(int(p), int(q)) for p, q in pairs}

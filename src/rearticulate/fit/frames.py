@@ -10,11 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from rearticulate.geometry.nearest import nearest
+from rearticulate.geometry.nearest import nearest, search_tree
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -88,19 +89,36 @@ class Frames:
 
 def point_spacing(clouds: Sequence[Array]) -> float:
     """Median distance to the nearest other point, over all frames."""
-    return float(np.median(np.concatenate([nearest(KDTree(p), p, k=2)[0][:, 1] for p in clouds])))
+    return float(np.median(np.concatenate([nearest(search_tree(p), p, k=2)[0][:, 1] for p in clouds])))
 
 
 def estimate_normals(points: Array, tree: KDTree, neighbours: int = NORMAL_NEIGHBOURS) -> Array:
     """(N, 3) unit normals of unknown sign: smallest principal direction of the nearest points."""
     _, near = nearest(tree, points, k=min(neighbours, tree.n))
-    return smallest_direction(tree.data[near])
+    return smallest_direction(tree.data, near)
 
 
-def smallest_direction(patches: Array) -> Array:
-    """(N, K, 3) -> (N, 3): direction of least spread of each set of K points."""
-    centred = patches - patches.mean(axis=1, keepdims=True)
-    return np.linalg.eigh(np.einsum("nki,nkj->nij", centred, centred))[1][:, :, 0]
+@numba.njit(cache=True, nogil=True)
+def _scatter(points, sets):
+    """(N, 3, 3) scatter matrix of the points of each set (N, K) of rows."""
+    out = np.zeros((len(sets), 3, 3))
+    mean, d, count = np.empty(3), np.empty(3), sets.shape[1]
+    for i in range(len(sets)):
+        mean[:] = 0.0
+        for row in sets[i]:
+            for a in range(3):
+                mean[a] += points[row, a] / count
+        for row in sets[i]:
+            for a in range(3):
+                d[a] = points[row, a] - mean[a]
+                for b in range(a + 1):
+                    out[i, a, b] += d[a] * d[b]
+    return out
+
+
+def smallest_direction(points: Array, sets: IntArray) -> Array:
+    """(N, 3) direction of least spread of each set (N, K) of rows of points (M, 3)."""
+    return np.linalg.eigh(_scatter(points, sets), UPLO="L")[1][:, :, 0]
 
 
 def make_frames(clouds: Sequence[Array], neighbours: int = NORMAL_NEIGHBOURS) -> Frames:
@@ -110,7 +128,7 @@ def make_frames(clouds: Sequence[Array], neighbours: int = NORMAL_NEIGHBOURS) ->
     orders = [np.argsort(np.linalg.norm(p - p.mean(axis=0), axis=1), kind="stable") for p in clouds]
     scaled = [(p[o] - centre) / unit for p, o in zip(clouds, orders, strict=True)]
     start = np.concatenate([[0], np.cumsum([len(p) for p in scaled])])
-    trees = tuple(KDTree(p) for p in scaled)
+    trees = tuple(search_tree(p) for p in scaled)
     return Frames(
         points=np.concatenate(scaled),
         normals=np.concatenate([estimate_normals(p, t, neighbours) for p, t in zip(scaled, trees, strict=True)]),

@@ -17,7 +17,7 @@ from rearticulate.fit.frames import Frames
 from rearticulate.fit.register import Schedule, fit_cost, geman_mcclure, match, normal_equations
 from rearticulate.fit.trial import flatten, mean_by
 from rearticulate.geometry.kinematics import forward_kinematics, joint_jacobian
-from rearticulate.geometry.nearest import nearest, quick_tree
+from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import rotate, transform
 
 Array = NDArray[np.floating]
@@ -97,7 +97,7 @@ class JointRepairer:
             mine, u = lonely[key]
             if len(u):
                 moved = transform(poses[c, self.labels[mine]], self.x[mine])
-                d = nearest(quick_tree(moved), u, within=self.config.reach)[0]
+                d = nearest(search_tree(moved), u, within=self.config.reach)[0]
                 out[c] = np.minimum(d, self.config.reach).sum() * self.config.backward_weight / max(len(mine), 20)
         return out
 
@@ -106,7 +106,7 @@ class JointRepairer:
         target = self.frames.trees[f].data
         if len(others) == 0:
             return target[:0]
-        far = nearest(quick_tree(others), target, within=self.config.unexplained)[0] > self.config.unexplained
+        far = nearest(search_tree(others), target, within=self.config.unexplained)[0] > self.config.unexplained
         u = target[far]
         return u[:: max(1, len(u) // self.config.max_unexplained)]
 

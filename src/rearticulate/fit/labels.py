@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from rearticulate.config import LabelConfig
 from rearticulate.fit.energy import evidence_frames, point_misfit
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.relaxed import Relaxed, apart, drop_small
-from rearticulate.geometry.nearest import nearest, quick_tree
+from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import inverse, transform
 
 Array = NDArray[np.floating]
@@ -76,7 +75,7 @@ def part_distances(frames: Frames, labels: IntArray, P: int, radius: float) -> A
             members = tree.data[labels[rows] == p]
             low, high = members.min(axis=0) - radius, members.max(axis=0) + radius
             close = np.flatnonzero(((tree.data > low) & (tree.data < high)).all(axis=1))
-            out[frames.start[f] + close, p] = nearest(quick_tree(members), tree.data[close], within=radius)[0]
+            out[frames.start[f] + close, p] = nearest(search_tree(members), tree.data[close], within=radius)[0]
     return out
 
 
@@ -93,26 +92,38 @@ def nearest_evidence(frames: Frames, T: Array, candidates: NDArray[np.bool_], ta
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath=True)
 def _sheet_support(x, y, weight, start, neighbour, thickness, curvature, tries):
-    """For every point the largest weighted count of neighbours near a plane through it and two of them."""
+    """For every point the largest weighted count of neighbours near a plane through it and two of them.
+
+    A neighbour at w counts weight (1 - (n . w)^2 / t^2) where that is positive, t = thickness + curvature w^2.
+    """
     out = np.zeros(len(x))
+    most = np.diff(start).max()
+    w, mass, steep = np.empty((3, most)), np.empty(most), np.empty(most)
     for i in range(len(x)):
         first, n = start[i], start[i + 1] - start[i]
         if n < 2:
             continue
+        for m in range(n):
+            j, squared = neighbour[first + m], 0.0
+            for c in range(3):
+                w[c, m] = y[j, c] - x[i, c]
+                squared += w[c, m] * w[c, m]
+            mass[m] = weight[j]
+            steep[m] = weight[j] / (thickness + curvature * squared) ** 2
         state = np.uint64(88172645463325252) + np.uint64(i) * np.uint64(2654435761)
         best = 0.0
         for _ in range(tries):
             state ^= state << np.uint64(13)
             state ^= state >> np.uint64(7)
             state ^= state << np.uint64(17)
-            a = neighbour[first + np.int64((state >> np.uint64(11)) % np.uint64(n))]
-            b = neighbour[first + np.int64((state >> np.uint64(37)) % np.uint64(n))]
+            a = np.int64((state >> np.uint64(11)) % np.uint64(n))
+            b = np.int64((state >> np.uint64(37)) % np.uint64(n))
             if a == b:
                 continue
-            ux, uy, uz = y[a, 0] - x[i, 0], y[a, 1] - x[i, 1], y[a, 2] - x[i, 2]
-            vx, vy, vz = y[b, 0] - x[i, 0], y[b, 1] - x[i, 1], y[b, 2] - x[i, 2]
+            ux, uy, uz = w[0, a], w[1, a], w[2, a]
+            vx, vy, vz = w[0, b], w[1, b], w[2, b]
             nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
             norm = (nx * nx + ny * ny + nz * nz) ** 0.5
             lengths = ((ux * ux + uy * uy + uz * uz) * (vx * vx + vy * vy + vz * vz)) ** 0.5
@@ -120,13 +131,9 @@ def _sheet_support(x, y, weight, start, neighbour, thickness, curvature, tries):
                 continue
             nx, ny, nz = nx / norm, ny / norm, nz / norm
             support = 0.0
-            for m in range(first, first + n):
-                j = neighbour[m]
-                wx, wy, wz = y[j, 0] - x[i, 0], y[j, 1] - x[i, 1], y[j, 2] - x[i, 2]
-                d = abs(nx * wx + ny * wy + nz * wz)
-                t = thickness + curvature * (wx * wx + wy * wy + wz * wz)
-                if d < t:
-                    support += weight[j] * (1.0 - (d / t) ** 2)
+            for m in range(n):
+                d = nx * w[0, m] + ny * w[1, m] + nz * w[2, m]
+                support += max(mass[m] - d * d * steep[m], 0.0)
             best = max(best, support)
         out[i] = best
     return out
@@ -155,7 +162,7 @@ def sheet_evidence(
     if len(asked) == 0:
         return out
     k = min(config.sheet_neighbours, len(z))
-    d, j = nearest(KDTree(keyed), keyed[asked], k=k, within=config.sheet_radius)
+    d, j = nearest(search_tree(keyed), keyed[asked], k=k, within=config.sheet_radius)
     frame = frames.frame[point]
     valid = np.isfinite(d)
     valid[valid] = frame[j[valid]] != np.broadcast_to(frame[asked][:, None], j.shape)[valid]

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
-from scipy.spatial import KDTree
 
 from rearticulate.config import ProjectConfig
 from rearticulate.fit.articulated import Articulated
@@ -21,7 +20,7 @@ from rearticulate.fit.chains import ChainFit, fit_prismatic, fit_revolute, fit_s
 from rearticulate.fit.cluster import adjacent_labels
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.relaxed import INFORMATION_SIGMA, Fused, Relaxed, fuse, fused_equations, keep_parts, points_behind
-from rearticulate.geometry.nearest import contact, nearest
+from rearticulate.geometry.nearest import contact, nearest, search_tree
 from rearticulate.geometry.se3 import inverse, transform
 
 Array = NDArray[np.floating]
@@ -107,7 +106,7 @@ def part_gaps(evidence: Evidence, P: int, rng: np.random.Generator, sample: int 
     """(P, P) mean over the frames of the smallest distances between two parts (mean of three)."""
     z = [evidence.fused.z[evidence.fused.labels == p] for p in range(P)]
     z = [x if len(x) <= sample else rng.choice(x, sample, replace=False) for x in z]
-    trees = [KDTree(x) for x in z]
+    trees = [search_tree(x) for x in z]
     T = evidence.T
     gap = np.zeros((P, P))
     for p in range(P):

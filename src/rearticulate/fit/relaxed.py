@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 
 from rearticulate.fit.frames import Frames, smallest_direction
 from rearticulate.fit.register import Schedule, geman_mcclure, normal_equations, register_bodies, solve_twists
-from rearticulate.geometry.nearest import nearest
+from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, transform
 
 Array = NDArray[np.floating]
@@ -54,7 +54,7 @@ def spread_labels(frames: Frames, canonical: int, T: Array, labels: IntArray) ->
     out = np.empty(len(frames.points), dtype=np.int64)
     for f in range(frames.n_frames):
         moved = transform(T[f, labels], frames.points[rows])
-        out[frames.rows(f)] = labels[nearest(KDTree(moved), frames.points[frames.rows(f)])[1]]
+        out[frames.rows(f)] = labels[nearest(search_tree(moved), frames.points[frames.rows(f)])[1]]
     out[rows] = labels
     return out
 
@@ -72,7 +72,7 @@ def keep_parts(frames: Frames, model: Relaxed, keep: IntArray) -> Relaxed:
             if len(kept) == 0:
                 labels[rows] = 0
                 continue
-            labels[rows] = np.where(lost, kept[nearest(KDTree(points[~lost]), points)[1]], labels[rows])
+            labels[rows] = np.where(lost, kept[nearest(search_tree(points[~lost]), points)[1]], labels[rows])
     return Relaxed(model.T[:, keep], labels)
 
 
@@ -122,10 +122,10 @@ def fuse(frames: Frames, T: Array, labels: IntArray, neighbours: int = 16, dense
     z = to_canonical(frames, T, labels)
     surface = np.arange(0, len(z), 1 if dense else frames.stride)
     keyed = apart(z[surface], labels[surface])
-    tree = KDTree(keyed)
+    tree = search_tree(keyed)
     d, j = nearest(tree, keyed, k=min(neighbours, len(keyed)))
     j = np.where(d < APART / 2, j, j[:, :1])
-    return Fused(z, labels, frames.frame, surface, smallest_direction(z[surface][j]), tree)
+    return Fused(z, labels, frames.frame, surface, smallest_direction(z[surface], j), tree)
 
 
 def register_to_frames(frames: Frames, canonical: int, model: Relaxed, schedule: Schedule) -> Relaxed:

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from rearticulate.config import RepairConfig
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.register import Schedule
 from rearticulate.fit.relaxed import Relaxed
 from rearticulate.fit.trial import Trials, flatten, mean_by, shared_border
-from rearticulate.geometry.nearest import contact, nearest
+from rearticulate.geometry.nearest import contact, nearest, search_tree
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 
 Array = NDArray[np.floating]
@@ -72,7 +71,7 @@ class Repairer:
         """Per part the points of frame f that no other part reaches."""
         y = transform(self.T[f, self.labels], self.trials.x)
         target = self.frames.points[self.frames.rows(f)]
-        d, j = nearest(KDTree(y), target, k=8)
+        d, j = nearest(search_tree(y), target, k=8)
         owner = self.labels[j]
         out = {}
         for p in self.parts:
@@ -86,7 +85,7 @@ class Repairer:
         """(S,) capped distances of unexplained points to part p under poses T (S, 4, 4), summed, per part point."""
         if len(points) == 0:
             return np.zeros(len(T))
-        tree = KDTree(self.trials.x[self.labels == p])
+        tree = search_tree(self.trials.x[self.labels == p])
         back = transform(inverse(T)[:, None], points[None])
         d = nearest(tree, back.reshape(-1, 3), within=self.config.reach)[0].reshape(len(T), -1)
         return np.minimum(d, self.config.reach).sum(axis=1) * self.config.backward_weight / max(tree.n, 20)

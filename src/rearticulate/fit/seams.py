@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from rearticulate.config import LabelConfig, SeamConfig
 from rearticulate.fit.articulated import Articulated
@@ -17,7 +16,7 @@ from rearticulate.fit.energy import point_misfit
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.labels import part_distances, sheet_evidence
 from rearticulate.fit.relaxed import to_canonical
-from rearticulate.geometry.nearest import contact, nearest
+from rearticulate.geometry.nearest import contact, nearest, search_tree
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -121,7 +120,7 @@ def _cut(
     config: SeamConfig,
 ) -> IntArray:
     """Labels of one border zone, cut if that gives up little evidence. favour: evidence for j over p."""
-    near = nearest(KDTree(z), z, k=min(config.neighbours, len(z)))[1]
+    near = nearest(search_tree(z), z, k=min(config.neighbours, len(z)))[1]
     favour = favour[near].mean(axis=1)
     along = z @ axis
     mild = np.clip(favour, -config.doubt, config.doubt)

@@ -17,7 +17,7 @@ from scipy.spatial import KDTree
 from rearticulate.config import TrackConfig
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.register import geman_mcclure, match, normal_equations
-from rearticulate.geometry.nearest import farthest_points, nearest, quick_tree
+from rearticulate.geometry.nearest import farthest_points, nearest, search_tree
 from rearticulate.geometry.se3 import exp_se3, inverse, rotate, transform
 
 Array = NDArray[np.floating]
@@ -62,9 +62,9 @@ def make_patches(points: Array, normals: Array, config: TrackConfig) -> Patches:
     """Patches around farthest-point nodes; every point belongs to at least one."""
     count = int(np.clip(len(points) / config.points_per_node, config.min_nodes, config.max_nodes))
     nodes = points[farthest_points(points, min(count, len(points) // 4))]
-    K, tree = len(nodes), KDTree(points)
+    K, tree = len(nodes), search_tree(points)
     size = min(config.patch_size, len(points))
-    owner = nearest(KDTree(nodes), points)[1]
+    owner = nearest(search_tree(nodes), points)[1]
     member = nearest(tree, nodes, k=size)[1].ravel()
     patch = np.repeat(np.arange(K), size)
     missing = np.setdiff1d(np.arange(len(points)), member)
@@ -72,7 +72,7 @@ def make_patches(points: Array, normals: Array, config: TrackConfig) -> Patches:
     order = np.argsort(patch, kind="stable")
     member, patch = member[order], patch[order]
     k = min(config.edges_per_node, K - 1)
-    neighbour = nearest(KDTree(nodes), nodes, k=k + 1)[1][:, 1:]
+    neighbour = nearest(search_tree(nodes), nodes, k=k + 1)[1][:, 1:]
     edges = np.unique(np.sort(np.stack([np.repeat(np.arange(K), k), neighbour.ravel()], 1), axis=1), axis=0)
     a, b = nodes[edges[:, 0]], nodes[edges[:, 1]]
     corner = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
@@ -176,7 +176,7 @@ def _match_backward(patches: Patches, T: Array, tree: KDTree, target_normals: Ar
     """Normal equations of target points to their nearest patch points: what is observed must be explained."""
     y = transform(T[patches.owner], patches.points)
     ny = rotate(T[patches.owner], patches.normals)
-    d, j = nearest(quick_tree(y), tree.data)
+    d, j = nearest(search_tree(y), tree.data)
     agreement = np.abs(np.einsum("ij,ij->i", ny[j], target_normals))
     w = geman_mcclure(d * d, 1.5 * sigma) * np.maximum(agreement, 0.1) * 0.64 * patches.count / tree.n
     return normal_equations(y[j], tree.data, target_normals, w, 0.5 * w, patches.owner[j], patches.count)
@@ -207,7 +207,7 @@ def register_patches(
 def _two_sided_cost(frames: Frames, patches: Patches, T: Array, f: int) -> float:
     y = transform(T[patches.owner], patches.points)
     tree = frames.trees[f]
-    there, back = nearest(tree, y)[0], nearest(KDTree(y), tree.data)[0]
+    there, back = nearest(tree, y)[0], nearest(search_tree(y), tree.data)[0]
     return float(np.minimum(there, 4).mean() + np.minimum(back, 4).mean())
 
 

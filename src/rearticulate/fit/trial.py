@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from rearticulate.config import TrialConfig
 from rearticulate.fit.cluster import adjacent_labels
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.register import Schedule, fit_cost, register_bodies
 from rearticulate.fit.relaxed import Relaxed, keep_parts
-from rearticulate.geometry.nearest import nearest
+from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import rotate, transform
 
 Array = NDArray[np.floating]
@@ -110,7 +109,7 @@ def try_pairs(
 def _candidates(trials: Trials, labels: IntArray, parts: list[int], gap: float) -> set[Pair]:
     """Pairs of parts that touch in the neighbour graph or across a gap."""
     pairs = {e for e in adjacent_labels(trials.x, labels) if e[0] in parts and e[1] in parts}
-    trees = {p: KDTree(trials.x[labels == p]) for p in parts}
+    trees = {p: search_tree(trials.x[labels == p]) for p in parts}
     for i, p in enumerate(parts):
         for q in parts[i + 1 :]:
             if (p, q) not in pairs and nearest(trees[p], trees[q].data, within=gap)[0].min() < gap:

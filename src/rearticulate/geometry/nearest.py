@@ -19,14 +19,14 @@ def nearest(tree: KDTree, points: Array, k: int = 1, within: float = np.inf) -> 
     return tree.query(points, k=k, distance_upper_bound=within)  # type: ignore[return-value]
 
 
-def quick_tree(points: Array) -> KDTree:
-    """A tree that is searched once: built in half the time, a little slower to search."""
-    return KDTree(points, balanced_tree=False, compact_nodes=False)
+def search_tree(points: Array) -> KDTree:
+    """A tree that is faster to build and to search than SciPy's defaults on surfaces."""
+    return KDTree(points, leafsize=32, balanced_tree=False)
 
 
 def contact(a: Array, b: Array, pairs: int) -> Array:
     """(3,) where two clouds meet: middle of the points of a (n, 3) nearest to b (m, 3) and of their partners."""
-    d, j = nearest(KDTree(b), a)
+    d, j = nearest(search_tree(b), a)
     near = np.argsort(d, kind="stable")[:pairs]
     return (a[near] + b[j[near]]).mean(axis=0) / 2
 
