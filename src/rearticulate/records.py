@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from rearticulate.geometry.kinematics import forward_kinematics
-from rearticulate.geometry.se3 import transform
+from rearticulate.geometry.se3 import inverse, transform
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -68,6 +68,10 @@ class GroundTruth:
     joint_axis: Array | None = None
     joint_point: Array | None = None
     joint_state: Array | None = None
+
+    def motion(self, canonical: int) -> Array:
+        """(F, P, 4, 4) motion of every part from the canonical frame to each frame."""
+        return self.poses @ inverse(self.poses[canonical])
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from rearticulate.records import Array, IntArray
 
@@ -20,13 +19,3 @@ def rand_index(a: IntArray, b: IntArray) -> float:
     table = contingency(a, b)
     apart = (table.sum(0) ** 2).sum() + (table.sum(1) ** 2).sum() - 2 * (table**2).sum()
     return float(1.0 - apart / len(a) ** 2)
-
-
-def match_parts(true: IntArray, predicted: IntArray, n_true: int) -> IntArray:
-    """(n_true,) predicted part of each true part: the one-to-one assignment that shares most points; -1 where none."""
-    table = contingency(true, predicted)
-    rows, columns = linear_sum_assignment(table, maximize=True)
-    match = np.full(n_true, -1, dtype=np.int64)
-    shared = table[rows, columns] > 0
-    match[rows[shared]] = columns[shared]
-    return match

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
+from rearticulate.evaluate.clustering import contingency
 from rearticulate.geometry.se3 import rotate, transform
 from rearticulate.records import Array, FitResult, GroundTruth, IntArray, KinematicModel
 
@@ -22,6 +24,36 @@ class JointError:
     type_right: bool
     axis_rad: float
     position_m: float
+
+
+def match_parts(result: FitResult, truth: GroundTruth, true_labels: list[IntArray]) -> IntArray:
+    """(P_true,) the model part that stands for each true part, one to one; -1 where none.
+
+    Of the parts that share points with it, in any frame, the one that moves most like it: a joint relates motions, and
+    a housing that is round about the next axis may carry the label of either part. true_labels: (N_f,) a frame.
+    """
+    model, motion = result.model, result.motion
+    shared = contingency(np.concatenate(true_labels), np.concatenate(result.labels)) > 0
+    shared = np.pad(shared, [(0, n - k) for n, k in zip((len(truth.parent), model.n_parts), shared.shape, strict=True)])
+    predicted = model.forward(motion.q, motion.T_world_root)
+    true = truth.motion(model.canonical)
+    error = np.empty(shared.shape)
+    for p in range(len(shared)):
+        x = model.points[true_labels[model.canonical] == p]
+        error[p] = motion_error(predicted, true[:, p], x if len(x) else model.points)
+    rows, columns = linear_sum_assignment(np.where(shared, error, 1e3 * (1 + error.max())))
+    match = np.full(len(shared), -1, dtype=np.int64)
+    found = shared[rows, columns]
+    match[rows[found]] = columns[found]
+    return match
+
+
+def motion_error(predicted: Array, true: Array, x: Array) -> Array:
+    """(P,) root mean square distance, m, between where motions predicted (F, P, 4, 4) and true (F, 4, 4) carry points x
+    (N, 3), over all frames."""
+    h = np.concatenate([x, np.ones((len(x), 1))], axis=1)
+    D = (predicted - true[:, None])[..., :3, :]
+    return np.sqrt(np.einsum("fpij,jk,fpik->p", D, h.T @ h / len(h), D) / len(D))
 
 
 def joint_errors(result: FitResult, truth: GroundTruth, match: IntArray) -> list[JointError]:

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from rearticulate.errors import InputError
-from rearticulate.evaluate.clustering import match_parts, rand_index
-from rearticulate.evaluate.joints import joint_errors
+from rearticulate.evaluate.clustering import rand_index
+from rearticulate.evaluate.joints import joint_errors, match_parts
 from rearticulate.evaluate.tree_distance import tree_edit_distance
 from rearticulate.geometry.se3 import inverse, transform
 from rearticulate.pose.retarget import retarget
@@ -54,16 +54,11 @@ def _check(result: FitResult, truth: GroundTruth, sequence: PointSequence) -> No
         )
 
 
-def true_motion(truth: GroundTruth, canonical: int) -> Array:
-    """(F, P, 4, 4) true motion of every part from the canonical frame to each frame."""
-    return truth.poses @ inverse(truth.poses[canonical])
-
-
 def point_motion(result: FitResult, truth: GroundTruth, labels: IntArray) -> tuple[Array, Array]:
     """(F, N, 3) where the fit and the truth carry the canonical points, of true parts labels (N,)."""
     model, motion = result.model, result.motion
     predicted = transform(model.forward(motion.q, motion.T_world_root)[:, model.labels], model.points)
-    return predicted, transform(true_motion(truth, model.canonical)[:, labels], model.points)
+    return predicted, transform(truth.motion(model.canonical)[:, labels], model.points)
 
 
 def _motion_metrics(result: FitResult, truth: GroundTruth, labels: IntArray) -> list[Metric]:
@@ -127,14 +122,10 @@ def _reanimation_metrics(result: FitResult, truth: GroundTruth, labels: IntArray
 
 
 def _joint_metrics(result: FitResult, truth: GroundTruth, true_labels: list[IntArray]) -> list[Metric]:
-    """Type of every true joint (missing ones count as wrong); axes of those whose type is right and that are sure.
-
-    Parts are matched by the points of all frames: a part may be out of sight in the canonical one.
-    """
+    """Type of every true joint (missing ones count as wrong); axes of those whose type is right and that are sure."""
     if truth.joint_type is None or truth.joint_axis is None or truth.joint_point is None or len(truth.parent) < 2:
         return []
-    match = match_parts(np.concatenate(true_labels), np.concatenate(result.labels), len(truth.parent))
-    errors = joint_errors(result, truth, match)
+    errors = joint_errors(result, truth, match_parts(result, truth, true_labels))
     right = [e for e in errors if e.type_right]
     sure = [e for e in right if result.joints[e.predicted].determined]
     metrics = [Metric("joint_type_share", len(right) / (len(truth.parent) - 1), "share", "higher")]
