@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from rearticulate.config import FitConfig, RestConfig
 from rearticulate.fit.cluster import cluster
@@ -92,15 +93,19 @@ def part_at_rest(frames: Frames, canonical: int, model: Relaxed, config: RestCon
     )
     tree = frames.trees[canonical]
     calm = excess[nearest(tree, tree.data, k=min(30, tree.n))[1]].mean(axis=1) < config.excess
-    d, j = nearest(tree, tree.data, k=9)
-    a, b = np.repeat(everyone, 8), j[:, 1:].ravel()
-    joined = calm[a] & calm[b] & (d[:, 1:].ravel() < 4.0)
-    graph = coo_matrix((np.ones(int(joined.sum())), (a[joined], b[joined])), shape=(len(labels),) * 2)
-    group = connected_components(graph, directed=False)[1]
-    size = np.bincount(group[calm], minlength=group.max() + 1)
-    chosen = calm & (group == size.argmax())
+    chosen = largest_region(tree, calm)
     if chosen.sum() < config.minimum_points or travel[chosen].mean() < config.carried:
         return model
     T = np.concatenate([model.T, np.tile(np.eye(4), (len(model.T), 1, 1, 1))], axis=1)
     labels = np.where(chosen, model.n_parts, labels)
     return Relaxed(T, spread_labels(frames, canonical, T, labels))
+
+
+def largest_region(tree: KDTree, inside: NDArray[np.bool_], reach: float = 4.0) -> NDArray[np.bool_]:
+    """(N,) the largest connected set among the points inside (N,): neighbours within reach are connected."""
+    d, near = nearest(tree, tree.data, k=min(9, tree.n))
+    joined = inside[:, None] & inside[near] & (d < reach)
+    a, k = np.nonzero(joined)
+    graph = coo_matrix((np.ones(len(a)), (a, near[a, k])), shape=(tree.n, tree.n))
+    region = connected_components(graph, directed=False)[1]
+    return inside & (region == np.bincount(region[inside], minlength=1).argmax())
