@@ -85,6 +85,24 @@ def test_a_part_takes_its_children_to_the_sibling_it_joins(seed, data):
             assert smaller.parent[number[c]] == number[model.parent[c]]
 
 
+@given(seeds, st.data())
+def test_welds_in_any_order_and_direction_end_in_one_part(seed, data):
+    model = tree(seed)
+    P = model.n_parts
+    pairs = [(a, b) for a in range(P) for b in range(P) if a != b]
+    related = [(a, b) for a, b in pairs if b == model.parent[a] or a == model.parent[b]]
+    related += [(a, b) for a, b in pairs if a and b and model.parent[a] == model.parent[b]]
+    now = np.arange(P)
+    for a, b in data.draw(st.permutations(related)):
+        if now[a] != now[b]:
+            smaller, number = weld(model, int(now[a]), int(now[b]))
+            assert smaller.n_parts == model.n_parts - 1 and smaller.parent[0] == -1
+            assert all(0 <= p < c for c, p in enumerate(smaller.parent[1:], 1))
+            assert sorted(set(number)) == list(range(smaller.n_parts))
+            model, now = smaller, number[now]
+    assert model.n_parts == 1
+
+
 def true_motions(frames, poses, canonical):
     """True part poses (F, P, 4, 4) from the canonical frame, in the units of `frames`."""
     shift = np.eye(4)

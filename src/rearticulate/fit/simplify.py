@@ -27,8 +27,12 @@ WIDE = 10.0  # robust scale of the misfit: none
 
 
 def weld(tree: Articulated, j: int, k: int) -> tuple[Articulated, IntArray]:
-    """The tree with part j made one with part k (its parent or a child of the same parent), and the new number (P,) of
-    every part."""
+    """The tree with parts j and k made one, and the new number (P,) of every part.
+
+    One of them is the other's parent, or both hang on the same part.
+    """
+    if tree.parent[k] == j:
+        j, k = k, j
     parent = np.where(tree.parent == j, k, tree.parent)
     order, queue = [], [0]
     while queue:
