@@ -27,6 +27,12 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 
+def free_share(frames: int, joints: int) -> float:
+    """Share of the relative motions of two parts, 6 numbers a frame, that joints in series, 4 numbers for an axis and a
+    value a frame, leave to be contradicted."""
+    return 1 - joints * (3 + frames) / (6 * (frames - 1))
+
+
 @dataclass(frozen=True)
 class Evidence:
     """What the registration knows: information H (F, P, 6, 6) of every pose, plane noise sigma, the fused cloud."""
@@ -37,9 +43,15 @@ class Evidence:
     fused: Fused
     canonical: int
 
-    def reduced(self, cost: Array) -> Array:
-        """Cost -> chi-square per degree of freedom."""
-        return cost / self.sigma**2 / (6 * (len(self.T) - 1))
+    def reduced(self, cost: Array, joints: int = 0) -> Array:
+        """Cost of so many joints in series -> chi-square per degree of freedom; inf where they can explain anything.
+
+        The thresholds hold for ten frames; with fewer there is less to contradict a chain.
+        """
+        left = free_share(len(self.T), joints)
+        if left <= 0:
+            return np.full_like(cost, np.inf)
+        return cost / self.sigma**2 / (6 * (len(self.T) - 1)) * free_share(10, joints) / left
 
     def rms(self, cost: Array, W: Array) -> Array:
         """Cost -> root mean square misfit of a point, in spacings."""
@@ -167,13 +179,13 @@ def tree_costs(evidence: Evidence, P: int, root: int, config: ProjectConfig, rng
     a, b = np.nonzero(np.tril(gap < config.gap, -1))
     if len(a) == 0:
         return cost
-    one = evidence.reduced(fit_joints(evidence, a, b, config).cost)
+    one = evidence.reduced(fit_joints(evidence, a, b, config).cost, 1)
     best = np.log1p(one)
     series = np.flatnonzero((one > config.joint) & (gap[a, b] < config.gap_series))
     if len(series):
         A, W = relative_motion(evidence.T, evidence.H, a[series], b[series], evidence.canonical)
         contact = np.stack([contact_point(evidence, int(p), int(q)) for p, q in zip(a[series], b[series], strict=True)])
-        two = evidence.reduced(fit_series(A, W, contact, 2, evidence.canonical, starts=3).cost)
+        two = evidence.reduced(fit_series(A, W, contact, 2, evidence.canonical, starts=3).cost, 2)
         best[series] = np.minimum(best[series], config.series_cost + np.log1p(two))
     off_root = np.where((a == root) | (b == root), 0.0, config.off_root)
     cost[a, b] = cost[b, a] = best + config.gap_weight * gap[a, b] + off_root
@@ -206,7 +218,7 @@ class Link:
 def _series_test(evidence: Evidence, a: int, b: int, contact: Array, k: int, starts: int = 6) -> tuple[float, ChainFit]:
     A, W = relative_motion(evidence.T, evidence.H, np.array([a]), np.array([b]), evidence.canonical)
     fit = fit_series(A, W, contact[None], k, evidence.canonical, starts)
-    return float(evidence.reduced(fit.cost)[0]), fit.take(0)
+    return float(evidence.reduced(fit.cost, k)[0]), fit.take(0)
 
 
 def hidden_links(
@@ -258,7 +270,7 @@ def project(
     parent, order = spanning_tree(tree_costs(evidence, P, root, config, rng), root)
     child = order[1:]
     joints = fit_joints(evidence, child, parent[child], config)
-    x1, rms = evidence.reduced(joints.cost), evidence.rms(joints.cost, joints.W)
+    x1, rms = evidence.reduced(joints.cost, 1), evidence.rms(joints.cost, joints.W)
     links = {
         int(c): Link(int(c), int(parent[c]), joints.twist[i], joints.q[i], bool(joints.revolute[i]))
         for i, c in enumerate(child)
