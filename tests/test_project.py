@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from rearticulate.config import ProjectConfig
 from rearticulate.fit.articulated import Articulated
 from rearticulate.fit.frames import make_frames
-from rearticulate.fit.project import choose_root, spanning_tree
+from rearticulate.fit.project import Evidence, choose_root, free_share, spanning_tree
 from rearticulate.fit.relaxed import Relaxed
 from rearticulate.geometry.se3 import exp_se3, inverse
 
@@ -114,3 +114,30 @@ def test_a_link_moves_as_its_joint_says():
     for j in (1, 2):
         step = exp_se3(tree.q[:, j, None] * tree.twist[j])
         np.testing.assert_allclose(step, inverse(T[:, tree.parent[j]]) @ T[:, j], atol=1e-12)
+
+
+@given(st.integers(2, 40), st.integers(0, 3))
+def test_a_chain_leaves_the_data_that_it_has_no_parameters_for(F, joints):
+    data, parameters = 6 * (F - 1), joints * (4 + F - 1)
+    assert free_share(F, joints) == pytest.approx((data - parameters) / data)
+
+
+def evidence(F, sigma=2.0):
+    T = np.tile(np.eye(4), (F, 2, 1, 1))
+    return Evidence(T, np.zeros((F, 2, 6, 6)), sigma, fused=None, canonical=0)
+
+
+def test_chi_squares_are_per_number_observed_in_ten_frames():
+    cost = np.array([0.0, 54.0, 108.0])
+    for joints in range(4):
+        np.testing.assert_allclose(evidence(10).reduced(cost, joints), [0, 0.25, 0.5])
+
+
+def test_with_few_frames_a_chain_must_fit_better_and_a_long_one_says_nothing():
+    cost = np.array([1.0])
+    per_number = {F: cost[0] / 4 / (6 * (F - 1)) for F in (2, 4, 30)}
+    assert evidence(4).reduced(cost, 2) > evidence(4).reduced(cost, 1) > per_number[4]
+    assert evidence(30).reduced(cost, 2) < evidence(30).reduced(cost, 1) < per_number[30]
+    assert evidence(4).reduced(cost, 0) == per_number[4]
+    assert np.isinf(evidence(4).reduced(cost, 3)) and np.isinf(evidence(2).reduced(cost, 2))
+    assert np.isfinite(evidence(2).reduced(cost, 1))
