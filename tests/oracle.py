@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rearticulate.fit.frames import Frames
 from rearticulate.geometry.se3 import exp_se3, inverse, log_se3
 from rearticulate.records import (
     Array,
@@ -28,6 +29,15 @@ def read_pair(path: Path) -> tuple[PointSequence, GroundTruth]:
         truth = GroundTruth(tuple(data["labels"]), data["poses"], data["parents"], data["novel"], **joints)
     with np.load(path) as data:
         return PointSequence.from_arrays(data["points"]), truth
+
+
+def in_spacings(frames: Frames, poses: Array, canonical: int = 0) -> Array:
+    """Motions (F, P, 4, 4) from the canonical frame, of poses in metres, in the centred units of `frames`."""
+    shift = np.eye(4)
+    shift[:3, 3] = frames.centre
+    T = inverse(shift) @ poses @ inverse(poses[canonical]) @ shift
+    T[..., :3, 3] /= frames.unit
+    return T
 
 
 def perfect_fit(sequence: PointSequence, truth: GroundTruth, canonical: int = 0) -> FitResult:

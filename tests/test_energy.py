@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from oracle import in_spacings
 from rearticulate.fit.energy import PER_BORDER, PER_EMPTY, PER_JOINT, border_length, energy, point_misfit
 from rearticulate.fit.frames import make_frames
-from rearticulate.geometry.se3 import exp_se3, inverse, transform
+from rearticulate.geometry.se3 import exp_se3, transform
 
 
 def grid(n: int = 24) -> np.ndarray:
@@ -35,12 +36,7 @@ def test_the_true_motion_has_the_least_energy_and_every_part_has_its_price():
     ball /= np.linalg.norm(ball, axis=1, keepdims=True) / [1.0, 1.3, 1.7]
     T = exp_se3(np.array([0.3, -0.2, 0.4, 0.5, 0.1, 0.0]))
     frames = make_frames([ball[:600], transform(T, ball[600:])])
-    centred = np.tile(np.eye(4), (2, 1, 1, 1))
-    shift = np.eye(4)
-    shift[:3, 3] = -frames.centre
-    scale = np.diag([1 / frames.unit] * 3 + [1.0])
-    to_spacings = scale @ shift
-    centred[1, 0] = to_spacings @ T @ inverse(shift) @ np.diag([frames.unit] * 3 + [1.0])
+    centred = in_spacings(frames, np.stack([np.eye(4), T])[:, None])
     one = np.zeros(1200, dtype=int)
     best = energy(frames, centred, one)
     assert best == pytest.approx(point_misfit(frames, centred, one)[::2].mean())

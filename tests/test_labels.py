@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from oracle import in_spacings
 from rearticulate.config import LabelConfig, SeamConfig
 from rearticulate.fit.energy import evidence_frames
 from rearticulate.fit.frames import make_frames
@@ -126,10 +127,7 @@ def two_plates(n=700, frames=6):
         labels.append((rest[:, 0] > 20).astype(int))
         clouds.append(transform(both[f, labels[-1]], rest))
     made = make_frames(clouds)
-    # the motions in the units of the frames
-    scaled = both.copy()
-    scaled[..., :3, 3] = (both[..., :3, 3] + both[..., :3, :3] @ made.centre - made.centre) / made.unit
-    return made, scaled, np.concatenate(labels)[made.order]
+    return made, in_spacings(made, both), np.concatenate(labels)[made.order]
 
 
 def agreement(evidence, labels, asked):

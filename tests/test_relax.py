@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from oracle import in_spacings
 from rearticulate.config import RestConfig
 from rearticulate.fit.frames import make_frames
 from rearticulate.fit.relax import largest_region, part_at_rest
 from rearticulate.fit.relaxed import Relaxed
-from rearticulate.geometry.nearest import search_tree
+from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import exp_se3, transform
 
 
@@ -19,11 +20,12 @@ def grid(n, shift=0.0):
 
 def test_the_largest_region_is_connected_and_inside():
     points = np.concatenate([grid(6), grid(8, 30.0)])
+    near = nearest(search_tree(points), points, k=9)[1][:, 1:]
     inside = np.ones(100, dtype=bool)
-    assert np.array_equal(largest_region(search_tree(points), inside), points[:, 0] > 20)
+    assert np.array_equal(largest_region(points, near, inside), points[:, 0] > 20)
     inside[points[:, 0] > 33.5] = False
-    assert np.array_equal(largest_region(search_tree(points), inside), points[:, 0] < 20)
-    assert not largest_region(search_tree(points), np.zeros(100, dtype=bool)).any()
+    assert np.array_equal(largest_region(points, near, inside), points[:, 0] < 20)
+    assert not largest_region(points, near, np.zeros(100, dtype=bool)).any()
 
 
 def post_and_arm(turn, frames=4, seed=0):
@@ -36,12 +38,9 @@ def post_and_arm(turn, frames=4, seed=0):
         arm = rng.uniform([0.1, -0.05, 0.5], [0.6, 0.05, 0.5], (500, 3))
         clouds.append(np.concatenate([post, transform(exp_se3(np.array([0, 0, turn * f, 0, 0, 0])), arm)]))
     seen = make_frames(clouds)
-    to_spacings = np.eye(4)
-    to_spacings[:3, :3] /= seen.unit
-    to_spacings[:3, 3] = -seen.centre / seen.unit
-    T = to_spacings @ exp_se3(np.outer(np.arange(frames), [0, 0, turn, 0, 0, 0])) @ np.linalg.inv(to_spacings)
+    T = in_spacings(seen, exp_se3(np.outer(np.arange(frames), [0, 0, turn, 0, 0, 0]))[:, None])
     post = np.tile(np.arange(1400) < 900, frames)[seen.order]
-    return seen, Relaxed(T[:, None], np.zeros(1400 * frames, dtype=np.int64)), post
+    return seen, Relaxed(T, np.zeros(1400 * frames, dtype=np.int64)), post
 
 
 def test_a_round_post_that_turns_with_its_arm_is_at_rest():

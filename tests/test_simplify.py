@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from oracle import in_spacings
 from rearticulate.config import ProjectConfig
 from rearticulate.fit.articulated import Articulated, apply_step
 from rearticulate.fit.bundle import adjust_to_poses
@@ -103,21 +104,12 @@ def test_welds_in_any_order_and_direction_end_in_one_part(seed, data):
     assert model.n_parts == 1
 
 
-def true_motions(frames, poses, canonical):
-    """True part poses (F, P, 4, 4) from the canonical frame, in the units of `frames`."""
-    shift = np.eye(4)
-    shift[:3, 3] = frames.centre
-    T = inverse(shift) @ poses @ inverse(poses[canonical]) @ shift
-    T[..., :3, 3] /= frames.unit
-    return T
-
-
 def test_a_part_cut_in_two_becomes_one_again():
     c = 3
     sequence, truth = record(objects.hinge(), frames=6, points=1200, step_deg=12, seed=0)
     frames = make_frames(sequence.points)
     labels = np.concatenate(truth.labels)[frames.order]
-    T = true_motions(frames, truth.poses, c)
+    T = in_spacings(frames, truth.poses, c)
     xi = log_se3(inverse(T[:, 0]) @ T[:, 1])
     f = np.linalg.norm(xi[:, :3], axis=1).argmax()
     hinge = xi[f] / np.linalg.norm(xi[f, :3])

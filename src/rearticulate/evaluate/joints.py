@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from rearticulate.evaluate.clustering import contingency
 from rearticulate.geometry.se3 import rotate, transform
 from rearticulate.records import Array, FitResult, GroundTruth, IntArray, KinematicModel
 
@@ -33,8 +32,8 @@ def match_parts(result: FitResult, truth: GroundTruth, true_labels: list[IntArra
     a housing that is round about the next axis may carry the label of either part. true_labels: (N_f,) a frame.
     """
     model, motion = result.model, result.motion
-    shared = contingency(np.concatenate(true_labels), np.concatenate(result.labels)) > 0
-    shared = np.pad(shared, [(0, n - k) for n, k in zip((len(truth.parent), model.n_parts), shared.shape, strict=True)])
+    shared = np.zeros((len(truth.parent), model.n_parts), dtype=bool)
+    shared[np.concatenate(true_labels), np.concatenate(result.labels)] = True
     predicted = model.forward(motion.q, motion.T_world_root)
     true = truth.motion(model.canonical)
     error = np.empty(shared.shape)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from rearticulate.config import FitConfig, RestConfig
 from rearticulate.fit.cluster import cluster
@@ -29,6 +28,7 @@ from rearticulate.fit.trial import Trials, trial_merge
 from rearticulate.geometry.nearest import nearest
 
 Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 WIDE = Schedule(iterations=8, sigma=1.5, sigma_end=0.56, point_share=0.05, max_distance=5.6)
 NARROW = Schedule(iterations=8, sigma=0.93, sigma_end=0.37, point_share=0.05, max_distance=5.6)
@@ -93,7 +93,7 @@ def part_at_rest(frames: Frames, canonical: int, model: Relaxed, config: RestCon
     )
     tree = frames.trees[canonical]
     calm = excess[nearest(tree, tree.data, k=min(30, tree.n))[1]].mean(axis=1) < config.excess
-    chosen = largest_region(tree, calm)
+    chosen = largest_region(trials.x, trials.near[:, :8], calm)
     if chosen.sum() < config.minimum_points or travel[chosen].mean() < config.carried:
         return model
     T = np.concatenate([model.T, np.tile(np.eye(4), (len(model.T), 1, 1, 1))], axis=1)
@@ -101,11 +101,10 @@ def part_at_rest(frames: Frames, canonical: int, model: Relaxed, config: RestCon
     return Relaxed(T, spread_labels(frames, canonical, T, labels))
 
 
-def largest_region(tree: KDTree, inside: NDArray[np.bool_], reach: float = 4.0) -> NDArray[np.bool_]:
-    """(N,) the largest connected set among the points inside (N,): neighbours within reach are connected."""
-    d, near = nearest(tree, tree.data, k=min(9, tree.n))
-    joined = inside[:, None] & inside[near] & (d < reach)
-    a, k = np.nonzero(joined)
-    graph = coo_matrix((np.ones(len(a)), (a, near[a, k])), shape=(tree.n, tree.n))
+def largest_region(points: Array, near: IntArray, inside: NDArray[np.bool_], reach: float = 4.0) -> NDArray[np.bool_]:
+    """(N,) the largest connected set of the points inside (N,): neighbours near (N, K) within reach are connected."""
+    gap = np.linalg.norm(points[near] - points[:, None], axis=-1)
+    a, k = np.nonzero(inside[:, None] & inside[near] & (gap < reach))
+    graph = coo_matrix((np.ones(len(a)), (a, near[a, k])), shape=(len(points), len(points)))
     region = connected_components(graph, directed=False)[1]
     return inside & (region == np.bincount(region[inside], minlength=1).argmax())

@@ -104,10 +104,10 @@ def simplify(
 ) -> tuple[Articulated, IntArray, float]:
     """Weld joints, the least needed first, while the energy does not rise. Returns tree, labels (M,) and energy."""
     value = energy(frames, tree.forward(), labels)
+    poses = poses_of(frames, canonical, tree, labels)
     before = tree.n_parts + 1
     while 1 < tree.n_parts < before:
         before = tree.n_parts
-        poses = poses_of(frames, canonical, tree, labels)
         likely = [w for w in possible_welds(frames, canonical, tree, labels, poses) if w.misfit < config.weld]
         now, failures = np.arange(tree.n_parts), 0  # now: the number of each part after the welds of this round
         for found in likely:
