@@ -10,7 +10,7 @@ help:
 	@echo "make test      install everything and run the tests"
 	@echo "make install   only the environment, in .venv"
 	@echo "make check     lint, format, types and tests"
-	@echo "make bench     the benchmark table (benchmarks/bench.py)"
+	@echo "make bench     the benchmark tables (rearticulate bench)"
 	@echo "make pictures  the pictures of the README"
 	@echo "make lock      pin all dependencies anew in constraints.txt"
 
@@ -29,7 +29,7 @@ check: install
 	$(BIN)/python -m pytest
 
 bench: install
-	$(BIN)/python benchmarks/bench.py
+	$(BIN)/rearticulate bench
 
 pictures: demo
 	$(BIN)/python -m rearticulate.report.pictures demo-out docs

@@ -17,13 +17,13 @@ LAYERS = [
     {"geometry"},
     {"records"},
     {"config"},
-    {"io", "fit", "pose", "evaluate", "synth"},
+    {"io", "fit", "network", "pose", "evaluate", "synth"},
     {"pipeline"},
-    {"report"},
+    {"report", "bench"},
     {"commands"},
     {"cli"},
 ]
-HEAVY = ("matplotlib", "plotly", "trimesh", "typer", "loky", "yourdfpy")
+HEAVY = ("matplotlib", "plotly", "trimesh", "typer", "loky", "yourdfpy", "torch", "safetensors", "ot")
 
 
 def layer(name: str) -> int:

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import json
-import sys
-from pathlib import Path
 
 import pytest
 
 from oracle import perfect_fit
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-
-from cases import PERTURBATIONS, SETS, Case, find_case
-from gate import is_worse, regressions
-from tables import means, report, table
-from worker import run_case
+from rearticulate.bench.cases import ALL, PERTURBATIONS, Case, find_case
+from rearticulate.bench.gate import is_worse, regressions
+from rearticulate.bench.markdown import table
+from rearticulate.bench.results_page import means, report
+from rearticulate.bench.worker import run_case
 
 
 def perfect_answer(case, folder):
@@ -24,7 +20,7 @@ def perfect_answer(case, folder):
 
 
 def test_the_cases_are_all_different_and_found_by_name():
-    names = [case.name for case in SETS["all"]]
+    names = [case.name for case in ALL]
     assert len(names) == len(set(names)) == 16 + 8 + 4 * len(PERTURBATIONS)
     assert find_case("nao/noise_1mm") == Case("nao", "noise_1mm")
 
@@ -49,9 +45,9 @@ def some_answer(recon=0.1):
 
 
 def test_the_report_shows_what_there_is():
-    answers = {"nao": some_answer(0.1), "nao/noise_1mm": some_answer(0.25)}
-    text = report({"seed": "0"}, answers, missing=["solo"])
-    assert "**Without a result:** solo." in text
+    answers = {"direct/nao": some_answer(0.1), "direct/nao/noise_1mm": some_answer(0.25)}
+    text = report({"seed": "0"}, answers)
+    assert "**Without a result:** kinova, ur5" in text
     assert "| nao | noise_1mm | 0.250 | 2.50 |" in text
     assert "| nao | 1.5 | 2.0 |" in text
     assert "mean of all 16" not in text

@@ -154,6 +154,45 @@ def demo(
 
 @app.command()
 @reported
+def bench(
+    table: Annotated[str, typer.Argument(help="Which page of tables; a wrong name lists them.")] = "results",
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the pages and of finished fits.")] = Path(
+        "benchmarks"
+    ),
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="An object, a case or a configuration; repeatable.")
+    ] = None,
+    jobs: Annotated[int, typer.Option(help="Fits at the same time; they share the cores.")] = 1,
+    seed: Seed = 0,
+    compare: Annotated[Path | None, typer.Option(help="Earlier .json: exit with 1 where a number got worse.")] = None,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Run finished fits again.")] = False,
+    json: Json = False,
+) -> None:
+    """Fit the sequences with ground truth and write a page of tables; a stopped run goes on where it was."""
+    from rearticulate.commands.benching import BenchOptions, run_bench
+
+    run_bench(table, output, BenchOptions(tuple(only or ()), seed, jobs, fresh, compare, json))
+
+
+@app.command("train-flow")
+@reported
+def train_flow(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the run.")],
+    steps: Annotated[int, typer.Option(help="Batches to train on, those before a --resume counted in.")] = 40_000,
+    seed: Seed = 0,
+    device: Annotated[str, typer.Option(metavar="auto|cpu|cuda", help="Where to compute.")] = "auto",
+    workers: Annotated[int, typer.Option(help="Processes that make pairs of clouds.")] = 1,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Start again in a folder that exists.")] = False,
+) -> None:
+    """Train the correspondence network; several GPUs: torchrun --nproc-per-node N -m rearticulate.cli train-flow ..."""
+    from rearticulate.commands.training import TrainOptions, run_train
+
+    run_train(output, TrainOptions(steps, seed, device, workers, resume, overwrite))
+
+
+@app.command()
+@reported
 def info(
     source: Annotated[
         str, typer.Argument(metavar="FILE", help="A sequence, a ground truth or the folder of a result.")

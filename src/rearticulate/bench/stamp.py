@@ -14,19 +14,19 @@ from pathlib import Path
 
 from rearticulate.config import FitConfig
 
-ROOT = Path(__file__).resolve().parents[1]
-_CODE = ("config.py", "evaluate", "fit", "geometry", "io", "pipeline.py", "pose", "records.py", "synth")
+PACKAGE = Path(__file__).resolve().parents[1]
+_CODE = ("config.py", "evaluate", "fit", "geometry", "io", "network", "pipeline.py", "pose", "records.py", "synth")
 
 
-def config_hash() -> str:
-    return _digest(json.dumps(asdict(FitConfig()), sort_keys=True).encode())
+def config_hash(config: FitConfig) -> str:
+    return _digest(json.dumps(asdict(config), sort_keys=True).encode())
 
 
 def code_hash() -> str:
     """Of all source files that can change a result."""
-    source = ROOT / "src" / "rearticulate"
-    files = sorted(path for name in _CODE for path in (source / name, *(source / name).rglob("*.py")) if path.is_file())
-    return _digest(*(part for path in files for part in (str(path.relative_to(source)).encode(), path.read_bytes())))
+    kept = [PACKAGE / name for name in _CODE]
+    files = sorted(path for top in kept for path in (top, *top.rglob("*.py")) if path.is_file())
+    return _digest(*(part for path in files for part in (str(path.relative_to(PACKAGE)).encode(), path.read_bytes())))
 
 
 def _digest(*parts: bytes) -> str:
@@ -36,14 +36,14 @@ def _digest(*parts: bytes) -> str:
     return digest.hexdigest()[:12]
 
 
-def stamp(seed: int, jobs: int) -> dict[str, str]:
-    """One line each, for the head of the results."""
+def stamp(configs: dict[str, FitConfig], seed: int, jobs: int) -> dict[str, str]:
+    """One line each, for the head of the results. configs: by their names."""
     return {
         "date": datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC"),
         "version": version("rearticulate"),
         "commit": _commit(),
         "code": code_hash(),
-        "configuration": config_hash(),
+        "configuration": ", ".join(f"{name} {config_hash(config)}" for name, config in configs.items()),
         "seed": str(seed),
         "jobs": str(jobs),
         "machine": f"{_cpu()}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}",
@@ -54,12 +54,12 @@ def stamp(seed: int, jobs: int) -> dict[str, str]:
 def _commit() -> str:
     """Short commit; says so when the sources differ from it."""
     commit = _git("rev-parse", "--short", "HEAD")
-    return f"{commit} with changes" if _git("status", "--porcelain", "--", "src") else commit
+    return f"{commit} with changes" if _git("status", "--porcelain", "--", ".") else commit
 
 
 def _git(*arguments: str) -> str:
     try:
-        done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
+        done = subprocess.run(["git", *arguments], cwd=PACKAGE, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return ""
     return done.stdout.strip()

@@ -1,15 +1,14 @@
-"""Results as Markdown."""
+"""The page of one preset: every object, the perturbed ones, seconds by stage."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from statistics import mean
-from typing import Any
 
-from cases import HOUSEHOLD, PAPER_TEST, PERTURBATIONS, ROBOTS, ROBUSTNESS
-from seen import ENOUGH
-
-Answer = dict[str, Any]  # see worker.run_case
+from rearticulate.bench.cases import ALL, HOUSEHOLD, PAPER_TEST, PERTURBATIONS, ROBOTS, ROBUSTNESS
+from rearticulate.bench.markdown import head, seconds_cell, table
+from rearticulate.bench.runner import Answer, Job
+from rearticulate.bench.seen import ENOUGH
 
 COLUMNS = {  # metric: head, decimals
     "recon_cm": ("recon cm", 3),
@@ -42,11 +41,15 @@ PUBLISHED = {  # the paper's mean over its own sequences of the 10 test robots
 }
 
 
-def report(stamp: dict[str, str], answers: dict[str, Answer], missing: Iterable[str] = ()) -> str:
-    """The whole page. answers: by case name; missing: names of the cases that failed or have not been run."""
+PRESET = "direct"
+JOBS = [Job(case, PRESET) for case in ALL]
+
+
+def report(stamp: dict[str, str], by_job: dict[str, Answer]) -> str:
+    """The whole page. by_job: the answers there are, by the names of the jobs."""
+    answers = {name.removeprefix(f"{PRESET}/"): answer for name, answer in by_job.items()}
     sections = [
-        "# Benchmark",
-        "\n".join(f"- {key}: {value}" for key, value in stamp.items()),
+        head("Benchmark", stamp),
         "Robots: 10 frames of 4096 points; household objects: 4 frames of 4096 points, the root moves. One default "
         "configuration for all. Joint columns: share of the true joints found with the right type; median error of "
         "the axes that the fit calls determined, position in percent of the object's diagonal. Seen: share of the "
@@ -61,9 +64,9 @@ def report(stamp: dict[str, str], answers: dict[str, Answer], missing: Iterable[
         "## Seconds by stage",
         seconds(answers),
     ]
-    absent = ", ".join(missing)
+    absent = ", ".join(job.case.name for job in JOBS if job.name not in by_job)
     if absent:
-        sections.insert(2, f"**Without a result:** {absent}.")
+        sections.insert(1, f"**Without a result:** {absent}.")
     return "\n\n".join(sections) + "\n"
 
 
@@ -105,17 +108,10 @@ def seconds(answers: dict[str, Answer]) -> str:
     plain = {name: answers[name] for name in (*ROBOTS, *HOUSEHOLD) if name in answers}
     stages = list(dict.fromkeys(stage for answer in plain.values() for stage in answer["stages"]))
     rows = [
-        [name, *(_seconds(answer["stages"].get(stage)) for stage in stages), _seconds(answer["seconds"])]
+        [name, *(seconds_cell(answer["stages"].get(stage)) for stage in stages), seconds_cell(answer["seconds"])]
         for name, answer in plain.items()
     ]
     return table(["object", *stages, "whole fit"], rows)
-
-
-def table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A Markdown table; the first column is text, the others are numbers."""
-    head = list(heads)
-    lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
 
 
 def means(names: Iterable[str], answers: dict[str, Answer], keys: Iterable[str]) -> dict[str, float]:
@@ -131,7 +127,7 @@ def _mean_row(label: str, names: tuple[str, ...], answers: dict[str, Answer], ke
     found = means(names, answers, [*keys, "parts", "parts_true"])
     cells = [_number(found.get(key), key) for key in keys]
     ends = [f"{found['parts']:.1f}", f"{found['parts_true']:.1f}"]
-    time = _seconds(mean(answers[name]["seconds"] for name in names))
+    time = seconds_cell(mean(answers[name]["seconds"] for name in names))
     return [[f"**{label}**", *cells, *ends, time, "-"]]
 
 
@@ -140,12 +136,8 @@ def _object_row(label: str, answer: Answer, keys: list[str]) -> list[str]:
     cells = [_number(metrics.get(key), key) for key in keys]
     parts = [f"{metrics['parts']:.0f}", f"{metrics['parts_true']:.0f}"]
     memory = "-" if answer["peak_mb"] is None else f"{answer['peak_mb']:.0f}"
-    return [label, *cells, *parts, _seconds(answer["seconds"]), memory]
+    return [label, *cells, *parts, seconds_cell(answer["seconds"]), memory]
 
 
 def _number(value: float | None, key: str) -> str:
     return "-" if value is None else f"{value:.{COLUMNS[key][1]}f}"
-
-
-def _seconds(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1f}"

@@ -1,28 +1,33 @@
-"""One case in a process of its own, so that its peak memory is its own: `python worker.py CASE SEED OUTPUT.json`."""
+"""One case in a process of its own, so that its peak memory is its own:
+`python -m rearticulate.bench.worker CASE VARIANT SEED OUTPUT.json`.
+"""
 
 from __future__ import annotations
 
 import json
-import os
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cases import Case, data_folder, find_case
+from rearticulate.bench.cases import Case, data_folder, find_case
+from rearticulate.bench.seen import seen_metrics
+from rearticulate.bench.variants import variant
 from rearticulate.evaluate.metrics import evaluate
+from rearticulate.io.atomic import atomic_file
+from rearticulate.pipeline import fit
 from rearticulate.records import FitResult
-from seen import seen_metrics
 
 Fit = Callable[..., FitResult]
 
 
-def run_case(case: Case, folder: Path, seed: int, fit: Fit) -> dict[str, Any]:
+def run_case(case: Case, folder: Path, seed: int, fitter: Fit) -> dict[str, Any]:
     """Fit and score one case. Everything in the answer is plain JSON."""
     sequence, truth = case.load(folder)
     started = time.perf_counter()
-    result = fit(sequence, seed=seed)
+    result = fitter(sequence, seed=seed)
     seconds = time.perf_counter() - started
     return {
         "case": case.name,
@@ -57,13 +62,10 @@ def peak_megabytes() -> float | None:
     return peak / (1024**2 if sys.platform == "darwin" else 1024)
 
 
-def main(name: str, seed: str, output: str) -> None:
-    from rearticulate.pipeline import fit
-
-    answer = run_case(find_case(name), data_folder(), int(seed), fit)
-    partial = Path(f"{output}.part")
-    partial.write_text(json.dumps(answer))
-    os.replace(partial, output)
+def main(name: str, configuration: str, seed: str, output: str) -> None:
+    answer = run_case(find_case(name), data_folder(), int(seed), partial(fit, config=variant(configuration)))
+    with atomic_file(output) as temporary:
+        temporary.write_text(json.dumps(answer))
 
 
 if __name__ == "__main__":

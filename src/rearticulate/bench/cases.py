@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from rearticulate.errors import InputError
 from rearticulate.io import load_sequence, load_truth
 from rearticulate.records import GroundTruth, PointSequence
 from rearticulate.synth import perturb
@@ -69,18 +70,18 @@ SETS = {
     "household": [Case(name) for name in HOUSEHOLD],
     "robustness": [Case(name, change) for name in ROBUSTNESS for change in ("", *PERTURBATIONS)],
 }
-SETS["all"] = list(dict.fromkeys(case for cases in SETS.values() for case in cases))
+ALL = list(dict.fromkeys(case for cases in SETS.values() for case in cases))
 
 
 def find_case(name: str) -> Case:
     """The case of a name such as `nao` or `nao/noise_1mm`."""
-    return next(case for case in SETS["all"] if case.name == name)
+    return next(case for case in ALL if case.name == name)
 
 
 def data_folder() -> Path:
-    """$REARTICULATE_DATA, or ../shared/data beside the repository."""
-    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
+    """$REARTICULATE_DATA, or ../shared/data beside a checkout of the repository. Raises InputError if there is none."""
+    beside = Path(__file__).resolve().parents[4] / "shared" / "data"
     folder = Path(os.environ.get("REARTICULATE_DATA") or beside)
     if not folder.is_dir():
-        raise SystemExit(f"error: no sequences with ground truth in {folder}: set REARTICULATE_DATA")
+        raise InputError(f"{folder}: no sequences with ground truth there; set REARTICULATE_DATA")
     return folder

@@ -1,0 +1,78 @@
+"""`bench`: fits what a page of tables needs and writes it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from rearticulate.bench.cases import data_folder
+from rearticulate.bench.gate import regressions
+from rearticulate.bench.pages import find_page
+from rearticulate.bench.runner import Job, Runner
+from rearticulate.bench.stamp import stamp
+from rearticulate.bench.variants import variant
+from rearticulate.commands.outcome import say
+from rearticulate.commands.show import print_json
+from rearticulate.errors import FitError, InputError
+from rearticulate.io.atomic import atomic_file
+
+
+@dataclass(frozen=True)
+class BenchOptions:
+    """What the command line says about a benchmark."""
+
+    only: tuple[str, ...]
+    seed: int
+    jobs: int
+    fresh: bool
+    compare: Path | None
+    as_json: bool
+
+
+def run_bench(name: str, out: Path, options: BenchOptions) -> None:
+    """The command `bench`. With `only`, the page is printed but not written."""
+    page = find_page(name)
+    data_folder()  # says at once where there is none
+    wanted = choose(page.jobs, options.only)
+    answers = Runner(out / ".cache", options.seed, options.jobs, options.fresh).run(wanted)
+    configs = {job.variant: variant(job.variant) for job in page.jobs}
+    facts = {"stamp": stamp(configs, options.seed, options.jobs), "answers": answers}
+    text = page.render(facts["stamp"], answers)
+    if options.as_json:
+        print_json(facts)
+    else:
+        print(text)
+    if not options.only:
+        for suffix, content in ((".md", text), (".json", json.dumps(facts, indent=1) + "\n")):
+            with atomic_file(out / f"{name}{suffix}") as partial:
+                partial.write_text(content, encoding="utf-8")
+    failed = [job.name for job in wanted if job.name not in answers]
+    if failed:
+        raise FitError(f"without a result: {', '.join(failed)}")
+    if options.compare is not None:
+        _compare(options.compare, answers)
+
+
+def choose(jobs: list[Job], only: tuple[str, ...]) -> list[Job]:
+    """The jobs of the named objects, cases or variants; all of them where none is named."""
+    names = [{job.name, job.case.name, job.case.object, job.variant} for job in jobs]
+    unknown = [name for name in only if not any(name in own for own in names)]
+    if unknown:
+        known = dict.fromkeys(job.case.name for job in jobs)
+        raise InputError(f"nothing here is called {', '.join(unknown)}; there are {', '.join(known)}")
+    return [job for job, own in zip(jobs, names, strict=True) if not only or own & set(only)]
+
+
+def _compare(baseline: Path, answers: dict) -> None:
+    """Raises FitError if a number got worse than in the baseline."""
+    try:
+        before = json.loads(baseline.read_text())["answers"]
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{baseline}: not the numbers of an earlier benchmark ({error})") from None
+    worse = regressions(before, answers)
+    for line in worse:
+        say(line)
+    if worse:
+        raise FitError(f"{len(worse)} numbers got worse than in {baseline}")
+    say("nothing got worse")
