@@ -38,7 +38,6 @@ lock: install
 	$(BIN)/python -m pip install --quiet uv
 	$(BIN)/uv pip compile --universal --python-version 3.10 --all-extras --no-annotate --upgrade \
 		--custom-compile-command "make lock" pyproject.toml -o constraints.txt
-	echo "torch==2.13.0" >> constraints.txt
 
 clean:
 	rm -rf .venv

@@ -181,6 +181,9 @@ def train_flow(
     steps: Annotated[int, typer.Option(help="Batches to train on, those before a --resume counted in.")] = 40_000,
     seed: Seed = 0,
     device: Annotated[str, typer.Option(metavar="auto|cpu|cuda", help="Where to compute.")] = "auto",
+    mixed: Annotated[
+        bool | None, typer.Option("--mixed/--full", help="Compute in bfloat16 where that is safe. [default: on a GPU]")
+    ] = None,
     workers: Annotated[int, typer.Option(help="Processes that make pairs of clouds.")] = 1,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Start again in a folder that exists.")] = False,
@@ -188,7 +191,7 @@ def train_flow(
     """Train the correspondence network; several GPUs: torchrun --nproc-per-node N -m rearticulate.cli train-flow ..."""
     from rearticulate.commands.training import TrainOptions, run_train
 
-    run_train(output, TrainOptions(steps, seed, device, workers, resume, overwrite))
+    run_train(output, TrainOptions(steps, seed, device, mixed, workers, resume, overwrite))
 
 
 @app.command()

@@ -20,6 +20,7 @@ class TrainOptions:
     steps: int
     seed: int
     device: str
+    mixed: bool | None
     workers: int
     resume: bool
     overwrite: bool
@@ -52,8 +53,10 @@ def _open(out: Path, options: TrainOptions) -> tuple[Any, Any]:
         raise InputError(f'train-flow needs {error.name}: pip install "rearticulate[train]"') from error
     if out.exists() and not (options.resume or options.overwrite):
         raise InputError(f"{out}: exists; go on with --resume or start again with --overwrite")
-    config = TrainConfig(steps=options.steps, seed=options.seed)
-    return config, Run(config, out, choose_device(options.device), options.resume)
+    device = choose_device(options.device)
+    mixed = device.type == "cuda" if options.mixed is None else options.mixed
+    config = TrainConfig(steps=options.steps, seed=options.seed, mixed=mixed)
+    return config, Run(config, out, device, options.resume)
 
 
 class Steps:

@@ -82,7 +82,7 @@ def make_pair(subject: Subject, n: int, config: PairConfig, rng: np.random.Gener
         whole = halves[1] if rng.random() > config.hole else _outside_hole(subject, halves[1], n, config, rng)
         rows_a, rows_b = halves[0][:n], whole[:n]
     else:
-        rows_a, rows_b = (_seen(subject, h, T, n, camera, rng) for h, T in zip(halves, (T_a, T_b), strict=True))
+        rows_a, rows_b = (_seen(subject, h, T, n, camera) for h, T in zip(halves, (T_a, T_b), strict=True))
     clean_a, clean_b = _placed(subject, rows_a, T_a), _placed(subject, rows_b, T_b)
     scale = float(np.sqrt(((clean_a - clean_a.mean(axis=0)) ** 2).sum(axis=1).mean()))
     sigma = scale * rng.uniform(*config.noise) if rng.random() < config.noisy else 0.0
@@ -137,10 +137,10 @@ def _placed(subject: Subject, rows: IntArray, T: Array) -> Array:
     return transform(T[subject.labels[rows]], subject.points[rows])
 
 
-def _seen(subject: Subject, stock: IntArray, T: Array, n: int, camera: Array, rng: np.random.Generator) -> IntArray:
-    """n rows of the stock that a camera sees; some twice where it sees fewer."""
+def _seen(subject: Subject, stock: IntArray, T: Array, n: int, camera: Array) -> IntArray:
+    """n rows of the stock that a camera sees; of all of it where it sees fewer."""
     seen = stock[visible_points(_placed(subject, stock, T), camera)]
-    return rng.choice(seen, n, replace=len(seen) < n)
+    return (seen if len(seen) >= n else stock)[:n]
 
 
 def _outside_hole(subject: Subject, stock: IntArray, n: int, config: PairConfig, rng: np.random.Generator) -> IntArray:

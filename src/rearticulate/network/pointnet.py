@@ -67,7 +67,7 @@ class Scale(nn.Module):
         """points (M, 3), features (M, C), centres (m, 3), neighbours (m, K) rows of points -> (m, widths[-1])."""
         source = self.feature(features) + self.offset(points / self.radius)
         grouped = nn.functional.embedding(neighbours, source) - self.offset(centres / self.radius)[:, None]
-        return self.rest(self.first(grouped)).amax(dim=1)
+        return self.rest(self.first(grouped)).max(dim=1).values
 
 
 class Abstraction(nn.Module):

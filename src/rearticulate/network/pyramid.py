@@ -56,7 +56,8 @@ def build_pyramid(points: Array, scale: float) -> Pyramid:
     Both clouds of a pair take the same scale: an object does not grow when it unfolds.
     """
     sizes = level_sizes(len(points))
-    first = farthest_points(points, sizes[1])
+    first = farthest_points(points, sizes[1])  # names a point again when only copies are left
+    first = first[np.sort(np.unique(first, return_index=True)[1])]
     order = np.concatenate([first, np.setdiff1d(np.arange(len(points)), first)])
     x = ((points - points.mean(axis=0)) / scale)[order]
     trees = [search_tree(x[:size]) for size in sizes]

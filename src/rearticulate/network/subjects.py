@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+
+from rearticulate.network.pairs import Subject, make_subject
 from rearticulate.network.robots import training_robots
 from rearticulate.synth.creatures import random_creature
 from rearticulate.synth.furniture import random_furniture
-
-from rearticulate.network.pairs import Subject, make_subject
 
 SHARES = {"robot": 0.3, "furniture": 0.3, "creature": 0.4}  # of the subjects
 RANDOM_SEEDS = 2**31

@@ -33,13 +33,14 @@ class TrainConfig:
     steps: int = 40_000
     points: tuple[int, ...] = (1024, 2048, 4096)  # points a cloud; one of these a batch
     points_per_batch: int = 16_384  # of all clouds of a batch
-    matched: int = 512  # points of a cloud that are matched each way
+    matched: int = 256  # points of a cloud that are matched each way
     rate: float = 2e-3
     warmup: int = 500
     cooldown: float = 0.3  # share of the steps, at the end, in which the rate falls to zero
     decay: float = 1e-2
     validate_every: int = 500
     validation_batches: int = 8
+    mixed: bool = False  # compute in bfloat16 where that is safe
     seed: int = 0
     pair: PairConfig = field(default_factory=PairConfig)
 
@@ -98,10 +99,10 @@ def _known_first(truth: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return shuffled[np.argsort(truth[shuffled] < 0, kind="stable")]
 
 
-def example_loss(net: Callable[[Batch], Tensor], example: Example, device: torch.device) -> Tensor:
+def example_loss(net: Callable[[Batch], Tensor], example: Example, device: torch.device, mixed: bool) -> Tensor:
     """Matching loss of a batch, both ways."""
     batch = Batch(example.pyramids, device)
-    with torch.autocast(device.type, torch.bfloat16, enabled=device.type == "cuda"):
+    with torch.autocast(device.type, torch.bfloat16, enabled=mixed):
         features = net(batch)
     a, b = features.float().unflatten(0, (-1, 2)).unbind(1)
     to_b, to_a, ask_a, ask_b = (x.to(device) for x in (example.to_b, example.to_a, example.ask_a, example.ask_b))
@@ -139,7 +140,7 @@ class Run:
         for example in self._examples(workers):
             for group in self.optimiser.param_groups:
                 group["lr"] = learning_rate(self.config, self.step)
-            loss = example_loss(net, example, self.device)
+            loss = example_loss(net, example, self.device, self.config.mixed)
             self.optimiser.zero_grad()
             loss.backward()
             torch.nn.utils.clip_grad_norm_(self.net.parameters(), 1.0)
@@ -206,7 +207,7 @@ def learning_rate(config: TrainConfig, step: int) -> float:
 @torch.no_grad()
 def validate(net: CorrespondenceNet, examples: Sequence[Example], device: torch.device) -> dict[str, float]:
     """Loss, and over all points the median error of the best match and the share below 0.1, in rms radii."""
-    losses = [float(example_loss(net, example, device)) for example in examples]
+    losses = [float(example_loss(net, example, device, mixed=False)) for example in examples]
     errors = np.concatenate([match_errors(net, example, device) for example in examples])
     return {
         "validation_loss": float(np.mean(losses)),

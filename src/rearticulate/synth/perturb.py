@@ -128,6 +128,43 @@ def interpolate(sequence: PointSequence, truth: GroundTruth, frames: int, *, see
     return PointSequence.from_arrays(clouds), replace(truth, labels=labels, poses=poses, joint_state=state)
 
 
+def stepped_pair(
+    sequence: PointSequence, truth: GroundTruth, frame: int, n: int, step_deg: float, *, seed: int = 0
+) -> tuple[Array, Array, Array]:
+    """One more step from a frame: two clouds (n, 3) that share no point, and where the first one's points go, (n, 3).
+
+    Every hinge turns by about step_deg either way, every slide by the same share of the object's radius; all frames'
+    points are fused.
+    """
+    rng = np.random.default_rng(seed)
+    T = truth.poses[frame]
+    radius = float(np.sqrt(sequence.points[frame].var(axis=0).sum()))
+    stepped = _step(truth.poses, truth.parent, frame, np.deg2rad(step_deg), radius, rng)
+    cloud, labels = _fuse(sequence, truth, T)
+    rows = rng.permutation(len(cloud))[: 2 * n]
+    first, second = rows[: len(rows) // 2], rows[len(rows) // 2 :]
+    motion = (stepped @ inverse(T))[labels]
+    moved = transform(motion, cloud)
+    return cloud[first], moved[second], moved[first]
+
+
+def _step(poses: Array, parent: IntArray, frame: int, step: float, radius: float, rng: np.random.Generator) -> Array:
+    """(P, 4, 4) part motions one step on from a frame; joints are known by the motion that they show."""
+    children = np.flatnonzero(parent >= 0)
+    relative = inverse(poses[:, parent[children]]) @ poses[:, children]
+    change = log_se3(inverse(relative[frame]) @ relative)  # (F, P - 1, 6)
+    turn, slide = np.linalg.norm(change[..., :3], axis=-1), np.linalg.norm(change[..., 3:], axis=-1)
+    turning = turn.max(axis=0) > 1e-3
+    size = np.where(turning, turn, slide / radius)
+    best = size.argmax(axis=0), np.arange(len(children))
+    amount = step * rng.choice([-1, 1], len(children)) * rng.uniform(0.8, 1.2, len(children))
+    out = poses[frame].copy()
+    for p, twist in zip(children, change[best] * (amount / np.maximum(size[best], 1e-9))[:, None], strict=True):
+        own = inverse(poses[frame, parent[p]]) @ poses[frame, p]
+        out[p] = out[parent[p]] @ own @ exp_se3(twist)
+    return out
+
+
 def interpolated_poses(poses: Array, parent: IntArray, times: Array) -> Array:
     """Part motions (F, P, 4, 4) at real-valued frame numbers `times` (G,): (G, P, 4, 4).
 

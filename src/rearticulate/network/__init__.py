@@ -1,0 +1,1 @@
+"""The correspondence network of the paper, what it is trained on, and its training. Needs the extra `paper`."""
