@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from rearticulate.config import ProjectConfig
 from rearticulate.fit.articulated import Articulated
 from rearticulate.fit.frames import make_frames
-from rearticulate.fit.project import Evidence, choose_root, free_share, spanning_tree
+from rearticulate.fit.project import Evidence, free_share
 from rearticulate.fit.relaxed import Relaxed
+from rearticulate.fit.tree import choose_root, spanning_tree
 from rearticulate.geometry.se3 import exp_se3, inverse
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_type_hints
 
 from rearticulate.errors import InputError
 
@@ -154,9 +154,60 @@ class SeamConfig:
 
 
 @dataclass(frozen=True)
+class NeuralConfig:
+    """The paper's relaxed model (`fit.neural.relax`), supplement, "Optimization Details". Lengths are in metres of the
+    object as the fit sees it, scaled to `radius`."""
+
+    radius: float = 0.3  # rms distance of the canonical points from their centroid: about that of a robot of 1 m
+    observed: Literal["network", "tracking"] = "network"  # where the observed flow comes from
+    ratio: float = 0.9  # of feature distances to the nearest and the second nearest above which a match is not sure
+    parts: int = 20
+    hidden: int = 128  # width of the part field
+    field: bool = True  # a field over space says the part of a point; False: each point has a choice of its own
+    gumbel: bool = True  # parts are drawn while fitting; False: a point follows the blend of the parts
+    chamfer_iterations: int = 5000
+    emd_iterations: int = 10_000
+    emd_thinning: int = 4  # one point in this many takes part in an assignment
+    emd_every: int = 5  # iterations an assignment is kept
+    chamfer_every: int = 1  # ... the nearest neighbours of the Chamfer term
+    flow_every: int = 5  # ... the observed flow at the moved points
+    chamfer: float = 1.0  # weights of the energy terms, 0: without it
+    emd: float = 0.3
+    flow: float = 1.0
+    flow_neighbours: int = 3
+    flow_far: float = 0.05  # a point farther from any anchor than this and than the flow there is long ...
+    flow_still: float = 1e-2  # ... is held still, with this weight
+    rate_field: float = 1e-3  # Adam
+    rate_poses: float = 1e-2
+    rate_end: float = 1.0  # share of the rates that is left at the end, by a cosine; 1 as in the paper
+    temperature: float = 5.0  # of the draw, by a cosine to:
+    temperature_end: float = 1.0
+    minimum_points: int = 20  # a part with fewer canonical points is dissolved
+    start_iterations: int = 300  # that fit the field to given labels, when there are any
+    final_iterations: int = 200  # of the final fit (`fit.neural.refine`)
+    final_rate: float = 1e-2
+    final_rate_end: float = 0.0
+    final_thinning: int = 2
+    final_every: int = 1
+
+
+@dataclass(frozen=True)
+class DeviationConfig:
+    """The paper's rules for merging and projecting (`fit.deviation`), in metres of an object scaled to `radius`."""
+
+    radius: float = 0.3  # rms distance of the canonical points from their centroid
+    merge: float = 3e-2  # mean squared deviation of the relative motion from the identity below which two parts are one
+    merge_gap: float = 0.02  # ... if they come this near ("spatially close")
+    spatial: float = 100.0  # weights of the two terms of the projection
+    one_dof: float = 1.0
+
+
+@dataclass(frozen=True)
 class FitConfig:
     """Everything a fit depends on besides the sequence and the seed."""
 
+    relax: Literal["direct", "neural"] = "direct"  # how the relaxed model is found: `fit.relax` or `fit.neural.relax`
+    articulate: Literal["direct", "paper"] = "direct"  # and the tree: `fit.articulate` or `fit.neural.articulate`
     working_points: int = 5000  # points a frame that take part in the fit; all are labelled
     canonical_tries: int = 4  # frames from which the model is fitted, at most; the lowest energy wins
     canonical_work: int = 82_000  # ... and two at least, but no more than make this many points to register in all
@@ -169,9 +220,14 @@ class FitConfig:
     label: LabelConfig = field(default_factory=LabelConfig)
     seam: SeamConfig = field(default_factory=SeamConfig)
     project: ProjectConfig = field(default_factory=ProjectConfig)
+    neural: NeuralConfig = field(default_factory=NeuralConfig)
+    deviation: DeviationConfig = field(default_factory=DeviationConfig)
 
 
-PRESETS = {"direct": FitConfig()}
+PRESETS = {
+    "direct": FitConfig(),
+    "paper": FitConfig(relax="neural", articulate="paper"),
+}
 
 
 def preset(name: str) -> FitConfig:
@@ -203,8 +259,21 @@ def _override(config: Any, values: Any, where: str) -> Any:
             raise InputError(f"{where}: unknown setting {key!r}; there are {', '.join(known)}")
         if is_dataclass(known[key]):
             changed[key] = _override(known[key], value, f"{where}: {key}")
-        elif isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise InputError(f"{where}: {key} must be a number, this is {value!r}")
         else:
-            changed[key] = type(known[key])(value)
+            changed[key] = _checked(known[key], value, get_args(get_type_hints(type(config))[key]), f"{where}: {key}")
     return type(config)(**changed)
+
+
+def _checked(before: Any, value: Any, choices: tuple[Any, ...], where: str) -> Any:
+    """A setting of the type of the one before; choices: the allowed values of a setting that is not a number."""
+    if choices:
+        if value not in choices:
+            raise InputError(f"{where} must be one of {', '.join(map(str, choices))}, this is {value!r}")
+        return value
+    if isinstance(before, bool):
+        if not isinstance(value, bool):
+            raise InputError(f"{where} must be true or false, this is {value!r}")
+        return value
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise InputError(f"{where} must be a number, this is {value!r}")
+    return type(before)(value)

@@ -18,6 +18,7 @@ from rearticulate.fit.articulate import articulate
 from rearticulate.fit.articulated import Articulated
 from rearticulate.fit.diagnose import diagnose
 from rearticulate.fit.energy import energy, frame_residual
+from rearticulate.fit.flow import SceneFlow
 from rearticulate.fit.frames import Frames, make_frames
 from rearticulate.fit.incomplete import complete_frames, fill_in
 from rearticulate.fit.labels import Labeller
@@ -35,7 +36,7 @@ Progress = Callable[[str, float], None]
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
-    """One complete fit from one canonical frame, in the fitter's units."""
+    """One complete fit from one canonical frame, in the fitter's units. energy: what canonical frames are chosen by."""
 
     canonical: int
     tree: Articulated
@@ -146,25 +147,48 @@ class Solver:
     store: StageStore
     mark: str
 
-    def relaxed(self, canonical: int) -> Relaxed:
+    def candidate(self, canonical: int) -> Candidate:
+        saved = self.store.load(f"articulated-{canonical}", self.mark)
+        if saved is not None:
+            labels, value = saved.pop("labels"), float(saved.pop("energy"))
+            return Candidate(canonical, Articulated(**saved), labels, value)
+        flow = self.flow(canonical)
+        found = self.articulated(canonical, self.relaxed(canonical, flow), flow)
+        everything = {**vars(found.tree), "labels": found.labels, "energy": found.energy}
+        self.store.save(f"articulated-{canonical}", self.mark, everything)
+        return found
+
+    def flow(self, canonical: int) -> tuple[SceneFlow, ...]:
+        """The observed flow, where a half of the fit asks for it."""
+        if self.config.relax == self.config.articulate == "direct":
+            return ()
+        from rearticulate.fit.neural.observe import observed_flow
+
+        self.clock("flow", 0.0)
+        return observed_flow(self.frames, canonical, self.config)
+
+    def relaxed(self, canonical: int, flow: tuple[SceneFlow, ...]) -> Relaxed:
         saved = self.store.load(f"relaxed-{canonical}", self.mark)
         if saved is not None:
             return Relaxed(saved["T"], saved["labels"])
         rng = np.random.default_rng([self.seed, canonical, 0])
-        model = relax(self.frames, canonical, self.labeller, self.config, rng, self.clock)
+        if self.config.relax == "neural":
+            from rearticulate.fit.neural.relax import relax_neural
+
+            model = relax_neural(self.frames, canonical, flow, self.config.neural, rng, self.clock)
+        else:
+            model = relax(self.frames, canonical, self.labeller, self.config, rng, self.clock)
         self.store.save(f"relaxed-{canonical}", self.mark, {"T": model.T, "labels": model.labels})
         return model
 
-    def candidate(self, canonical: int) -> Candidate:
-        relaxed = self.relaxed(canonical)
-        saved = self.store.load(f"articulated-{canonical}", self.mark)
-        if saved is None:
-            rng = np.random.default_rng([self.seed, canonical, 1])
-            tree, labels = articulate(self.frames, canonical, relaxed, self.labeller, self.config, rng, self.clock)
-            self.store.save(f"articulated-{canonical}", self.mark, {**vars(tree), "labels": labels})
-        else:
-            labels = saved.pop("labels")
-            tree = Articulated(**saved)
+    def articulated(self, canonical: int, relaxed: Relaxed, flow: tuple[SceneFlow, ...]) -> Candidate:
+        if self.config.articulate == "paper":
+            from rearticulate.fit.neural.articulate import articulate_paper
+
+            tree, labels, cost = articulate_paper(self.frames, canonical, relaxed, flow, self.config, self.clock)
+            return Candidate(canonical, tree, labels, cost)
+        rng = np.random.default_rng([self.seed, canonical, 1])
+        tree, labels = articulate(self.frames, canonical, relaxed, self.labeller, self.config, rng, self.clock)
         return Candidate(canonical, tree, labels, energy(self.frames, tree.forward(), labels))
 
 

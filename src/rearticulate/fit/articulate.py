@@ -15,11 +15,12 @@ from rearticulate.fit.energy import energy, point_misfit
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.joint_repair import repair_joints
 from rearticulate.fit.labels import Labeller
-from rearticulate.fit.project import Projection, merge_resting, project
+from rearticulate.fit.project import merge_resting, project
 from rearticulate.fit.relaxed import Relaxed, drop_small, register_to_fused, surface_noise
 from rearticulate.fit.repair import repair_poses
 from rearticulate.fit.seams import cut_seams
 from rearticulate.fit.simplify import simplify
+from rearticulate.fit.tree import Projection
 from rearticulate.fit.trial import trial_merge
 
 Array = NDArray[np.floating]

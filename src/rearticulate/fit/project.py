@@ -10,16 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from rearticulate.config import ProjectConfig
-from rearticulate.fit.articulated import Articulated
 from rearticulate.fit.bundle import adjust_to_poses
 from rearticulate.fit.chains import ChainFit, fit_prismatic, fit_revolute, fit_series, relative_motion, rest_cost
 from rearticulate.fit.cluster import adjacent_labels
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.relaxed import INFORMATION_SIGMA, Fused, Relaxed, fuse, fused_equations, keep_parts, points_behind
+from rearticulate.fit.tree import Link, Projection, assemble, choose_root, spanning_tree
 from rearticulate.geometry.nearest import contact, nearest, search_tree
 from rearticulate.geometry.se3 import inverse, transform
 
@@ -102,18 +100,6 @@ def merge_resting(frames: Frames, canonical: int, model: Relaxed, config: Projec
     return model
 
 
-def choose_root(frames: Frames, canonical: int, model: Relaxed, config: ProjectConfig) -> int:
-    """The largest part among those whose own points move little more than the least moving part's."""
-    rows = frames.rows(canonical)
-    labels = model.labels[rows]
-    travel = np.linalg.norm(model.moved_points(frames, canonical) - frames.points[rows], axis=-1).mean(axis=0)
-    size = np.bincount(labels, minlength=model.n_parts)
-    mean = np.bincount(labels, travel, minlength=model.n_parts) / np.maximum(size, 1)
-    mean[size == 0] = np.inf
-    still = mean <= config.root_motion * mean.min() + 0.5
-    return int(np.where(still, model.counts(), -1).argmax())
-
-
 def part_gaps(evidence: Evidence, P: int, rng: np.random.Generator, sample: int = 400) -> Array:
     """(P, P) mean over the frames of the smallest distances between two parts (mean of three)."""
     z = [evidence.fused.z[evidence.fused.labels == p] for p in range(P)]
@@ -192,29 +178,6 @@ def tree_costs(evidence: Evidence, P: int, root: int, config: ProjectConfig, rng
     return cost
 
 
-def spanning_tree(cost: Array, root: int) -> tuple[IntArray, IntArray]:
-    """Minimum spanning tree of a full cost matrix: parents (P,) and the parts in breadth-first order."""
-    P = len(cost)
-    if P == 1:
-        return np.array([-1]), np.array([0])
-    i, j = np.nonzero(np.tril(np.ones((P, P)), -1))
-    positive = cost[i, j] - cost.min() + 1.0  # the sparse graph drops zero costs
-    tree = minimum_spanning_tree(coo_matrix((positive, (i, j)), shape=(P, P)))
-    order, parent = breadth_first_order(tree, root, directed=False)
-    return np.where(parent < 0, -1, parent).astype(np.int64), order.astype(np.int64)
-
-
-@dataclass
-class Link:
-    """A joint of the tree under construction: part `child` hangs on `parent`."""
-
-    child: int
-    parent: int
-    twist: Array
-    q: Array
-    revolute: bool
-
-
 def _series_test(evidence: Evidence, a: int, b: int, contact: Array, k: int, starts: int = 6) -> tuple[float, ChainFit]:
     A, W = relative_motion(evidence.T, evidence.H, np.array([a]), np.array([b]), evidence.canonical)
     fit = fit_series(A, W, contact[None], k, evidence.canonical, starts)
@@ -244,20 +207,6 @@ def near_contact(z: Array, contact: Array, inside: NDArray[np.bool_], reach: flo
     return inside & (d < min(reach, float(np.quantile(d[inside], share))))
 
 
-@dataclass(frozen=True)
-class Projection:
-    """A tree and labels (M,) to start from.
-
-    Hidden links get their first points from the part that hangs on them, few or many: a large link with few points
-    loses them all while the joints of its chain are biased by the points it lacks; a small one with too many follows
-    the wrong part. Both are starts. hidden: numbers of these links.
-    """
-
-    tree: Articulated
-    starts: tuple[IntArray, ...]
-    hidden: IntArray
-
-
 def project(
     frames: Frames, canonical: int, model: Relaxed, config: ProjectConfig, rng: np.random.Generator
 ) -> Projection:
@@ -266,7 +215,7 @@ def project(
     P = model.n_parts
     root = choose_root(frames, canonical, model, config)
     if P == 1:
-        return Projection(_assemble([], model.T[:, root], root, 1)[0], (np.zeros_like(model.labels),), np.arange(0))
+        return Projection(assemble([], model.T[:, root], root, 1)[0], (np.zeros_like(model.labels),), np.arange(0))
     parent, order = spanning_tree(tree_costs(evidence, P, root, config, rng), root)
     child = order[1:]
     joints = fit_joints(evidence, child, parent[child], config)
@@ -296,7 +245,7 @@ def project(
             above = n_links
             n_links += 1
         links[c] = Link(c, above, chain.twist[k - 1], chain.q[:, k - 1], True)
-    tree, number = _assemble(list(links.values()), model.T[:, root], root, n_links)
+    tree, number = assemble(list(links.values()), model.T[:, root], root, n_links)
     tree, _ = adjust_to_poses(tree, canonical, number[:P], model.T, evidence.H)
     if n_links == P:
         starts = starts[:1]
@@ -321,27 +270,3 @@ def _replace_small_middles(
             links[v] = Link(v, b, two.twist[0], two.q[:, 0], True)
             links[a] = Link(a, v, two.twist[1], two.q[:, 1], True)
             x[v] = x[a] = x2
-
-
-def _assemble(links: list[Link], T_root: Array, root: int, P: int) -> tuple[Articulated, IntArray]:
-    """Number the parts parents first. Returns the tree and the new number of every old part."""
-    by_parent: dict[int, list[Link]] = {}
-    for link in links:
-        by_parent.setdefault(link.parent, []).append(link)
-    number, queue, F = np.full(P, -1), [root], len(T_root)
-    parent, revolute = [-1], [True]
-    twist: list[Array] = [np.zeros(6)]
-    q: list[Array] = [np.zeros(F)]
-    number[root] = 0
-    while queue:
-        for link in sorted(by_parent.get(queue[0], []), key=lambda k: k.child):
-            number[link.child] = len(parent)
-            parent.append(int(number[link.parent]))
-            twist.append(link.twist)
-            revolute.append(link.revolute)
-            q.append(link.q)
-            queue.append(link.child)
-        queue.pop(0)
-    return Articulated(
-        np.array(parent), np.array(twist), np.array(revolute), np.stack(q, axis=1), T_root.copy()
-    ), number

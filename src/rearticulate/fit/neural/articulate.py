@@ -1,0 +1,39 @@
+"""From the relaxed model to a kinematic tree by the paper's rules: merge, project, final fit (sec. 3.3.2 and 3.3.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rearticulate.config import FitConfig
+from rearticulate.fit.articulated import Articulated
+from rearticulate.fit.deviation import centred, merge_still, project_deviation
+from rearticulate.fit.flow import SceneFlow
+from rearticulate.fit.frames import Frames
+from rearticulate.fit.neural.refine import refine
+from rearticulate.fit.relaxed import Relaxed, spread_labels
+from rearticulate.fit.tree import choose_root
+
+IntArray = NDArray[np.integer]
+
+
+def articulate_paper(
+    frames: Frames,
+    canonical: int,
+    relaxed: Relaxed,
+    flow: Sequence[SceneFlow],
+    config: FitConfig,
+    progress: Callable[[str, float], None],
+) -> tuple[Articulated, IntArray, float]:
+    """The tree, the labels (M,) of all points, and what the canonical frame is chosen by: E_project + E_group."""
+    progress("project", 0.0)
+    model = merge_still(frames, canonical, relaxed, config.deviation)
+    root = choose_root(frames, canonical, model, config.project)
+    start, cost = project_deviation(frames, canonical, model, config.deviation, root)
+    cost += centred(frames, canonical, model, config.deviation.radius).spread()
+    progress("project", 1.0)
+    tree = refine(frames, canonical, start.tree, start.starts[0], flow, config.neural, progress)
+    labels = spread_labels(frames, canonical, tree.forward(), start.starts[0][frames.rows(canonical)])
+    return tree, labels, cost
