@@ -18,6 +18,7 @@ LAYERS = [
     {"records"},
     {"config"},
     {"io", "fit", "network", "pose", "evaluate", "synth"},
+    {"results"},
     {"pipeline"},
     {"report", "bench"},
     {"commands"},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -10,8 +11,13 @@ from oracle import perfect_fit
 from rearticulate.bench.cases import ALL, PERTURBATIONS, Case, find_case
 from rearticulate.bench.gate import is_worse, regressions
 from rearticulate.bench.markdown import table
+from rearticulate.bench.pages import PAGES, find_page
 from rearticulate.bench.results_page import means, report
+from rearticulate.bench.runner import Job, Runner
+from rearticulate.bench.variants import variant
 from rearticulate.bench.worker import run_case
+from rearticulate.commands.benching import choose
+from rearticulate.errors import InputError
 
 
 def perfect_answer(case, folder):
@@ -75,3 +81,63 @@ def test_the_gate_names_what_got_worse():
 )
 def test_worse_by_sign_and_tolerance(before, now, sign, worse):
     assert is_worse(before, now, sign, 0.1, 0.15) == worse
+
+
+def answers_of(names, variants):
+    return {
+        f"{variant}/{name}": {**some_answer(), "relaxed": some_answer()["metrics"]}
+        for name in names
+        for variant in variants
+    }
+
+
+def test_every_page_shows_what_there_is():
+    for page in (p for name, p in PAGES.items() if name != "flow"):
+        text = page.render({"seed": "0"}, {})
+        assert text.startswith("# ")
+        assert "published" in text.lower()
+    names = ("panda", "nao")
+    text = PAGES["energies"].render({}, answers_of(names, {job.variant for job in PAGES["energies"].jobs}))
+    assert text.count("0.100 (") == 7
+    text = PAGES["designs"].render({}, answers_of(names, {job.variant for job in PAGES["designs"].jobs}))
+    assert text.count("0.100 (") == 5
+    text = PAGES["robots"].render({}, answers_of(names, ["paper", "direct"]))
+    assert "**mean of 2 validation robots** | paper | 0.100" in text
+
+
+def test_variants_differ_from_the_paper_only_where_they_say():
+    paper = variant("paper")
+    assert variant("energy:chamfer+flow+emd") == replace(
+        paper, canonical_tries=1, neural=replace(paper.neural, final_iterations=0)
+    )
+    assert variant("energy:emd").neural.chamfer == variant("energy:emd").neural.flow == 0
+    quick = variant("paper", quick=True)
+    assert quick.neural.chamfer_iterations < paper.neural.chamfer_iterations
+    assert quick == replace(paper, neural=quick.neural)
+    assert (
+        variant("paper-fast", quick=True).neural.chamfer_iterations <= variant("paper-fast").neural.chamfer_iterations
+    )
+    with pytest.raises(InputError, match=r"no configuration 'x'; there are direct, paper"):
+        variant("x")
+
+
+def test_pages_and_jobs_are_found_by_name():
+    jobs = [Job(Case("nao"), "paper"), Job(Case("nao", "noise_1mm")), Job(Case("solo"))]
+    assert choose(jobs, ()) == jobs
+    assert choose(jobs, ("nao",)) == jobs[:2]
+    assert choose(jobs, ("direct",)) == jobs[1:]
+    assert choose(jobs, ("nao/noise_1mm",)) == jobs[1:2]
+    with pytest.raises(InputError, match="called none"):
+        choose(jobs, ("none",))
+    with pytest.raises(InputError, match="no table 'x'; there are results, robots"):
+        find_page("x")
+
+
+def test_finished_jobs_are_not_run_again(tmp_path):
+    runner = Runner(tmp_path)
+    job = Job(Case("nao"))
+    runner.path(job).parent.mkdir(parents=True)
+    runner.path(job).write_text(json.dumps(some_answer()))
+    assert runner.run([job]) == {"direct/nao": some_answer()}
+    assert Runner(tmp_path, seed=1).path(job) != runner.path(job)
+    assert Runner(tmp_path, quick=True).path(Job(Case("nao"), "paper")) != runner.path(Job(Case("nao"), "paper"))

@@ -259,7 +259,7 @@ def change_record(folder: Path, **changes: Any) -> None:
         ({"parts": "gone"}, "'parts' is missing"),
         ({"parts": 7}, "damaged"),
         ({"energy": "much"}, "damaged"),
-        ({"joint_type": "spherical"}, "'spherical'"),
+        ({"joint_type": "helical"}, "'helical'"),
         ({"parent": "nobody"}, "parent"),
         ({"parent": None}, "parent"),
         ({"name": 'part "0", Ärmel'}, "one name"),

@@ -17,7 +17,7 @@ from rearticulate.config import NeuralConfig
 from rearticulate.fit.articulated import Articulated, normalise_twists
 from rearticulate.fit.flow import SceneFlow
 from rearticulate.fit.frames import make_frames
-from rearticulate.fit.neural.refine import Tree, refine, screw_steps
+from rearticulate.fit.neural.refine import ScrewTree, refine, screw_steps
 from rearticulate.fit.neural.relax import make_scene
 from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, transform
 from rearticulate.synth.articulated import record
@@ -86,10 +86,10 @@ def test_gradients_at_zero_and_half_a_turn():
 def test_the_tree_goes_in_and_comes_out_unchanged(truth_tree):
     frames, tree, labels, flow = truth_tree
     scene = make_scene(frames, C, flow, 0.3)
-    model = Tree(tree, labels[frames.rows(C)], scene)
+    model = ScrewTree(tree, labels[frames.rows(C)], scene)
     moved = transform(scene.poses_in(tree.forward())[:, labels[frames.rows(C)]], scene.canonical_points)
     np.testing.assert_allclose(model().detach().numpy(), moved, atol=1e-5)
-    back = model.read(tree, scene)
+    back = model.read(tree)
     np.testing.assert_allclose(back.forward(), tree.forward(), atol=1e-3)
     np.testing.assert_array_equal(back.q[C], 0)
     np.testing.assert_array_equal(back.T_root[C], np.eye(4))

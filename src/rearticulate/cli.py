@@ -166,12 +166,15 @@ def bench(
     seed: Seed = 0,
     compare: Annotated[Path | None, typer.Option(help="Earlier .json: exit with 1 where a number got worse.")] = None,
     fresh: Annotated[bool, typer.Option("--fresh", help="Run finished fits again.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A fraction of the paper's iterations; the page says so.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Fit the sequences with ground truth and write a page of tables; a stopped run goes on where it was."""
     from rearticulate.commands.benching import BenchOptions, run_bench
 
-    run_bench(table, output, BenchOptions(tuple(only or ()), seed, jobs, fresh, compare, json))
+    run_bench(table, output, BenchOptions(tuple(only or ()), seed, jobs, fresh, quick, compare, json))
 
 
 @app.command("train-flow")

@@ -160,6 +160,7 @@ class NeuralConfig:
 
     radius: float = 0.3  # rms distance of the canonical points from their centroid: about that of a robot of 1 m
     observed: Literal["network", "tracking"] = "network"  # where the observed flow comes from
+    start: Literal["nothing", "direct"] = "nothing"  # or the relaxed model of the direct solver
     ratio: float = 0.9  # of feature distances to the nearest and the second nearest above which a match is not sure
     parts: int = 20
     hidden: int = 128  # width of the part field
@@ -195,6 +196,7 @@ class NeuralConfig:
 class DeviationConfig:
     """The paper's rules for merging and projecting (`fit.deviation`), in metres of an object scaled to `radius`."""
 
+    joints: Literal["screw", "ball"] = "screw"  # hinges and slides, or ball joints alone ("beyond 1DOF joints")
     radius: float = 0.3  # rms distance of the canonical points from their centroid
     merge: float = 3e-2  # mean squared deviation of the relative motion from the identity below which two parts are one
     merge_gap: float = 0.02  # ... if they come this near ("spatially close")
@@ -227,6 +229,11 @@ class FitConfig:
 PRESETS = {
     "direct": FitConfig(),
     "paper": FitConfig(relax="neural", articulate="paper"),
+    "paper-fast": FitConfig(
+        relax="neural",
+        articulate="paper",
+        neural=NeuralConfig(start="direct", chamfer_iterations=200, emd_iterations=100, temperature=1.0, rate_end=0.0),
+    ),
 }
 
 

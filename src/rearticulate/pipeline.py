@@ -10,38 +10,28 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from rearticulate.config import FitConfig
 from rearticulate.errors import InputError
 from rearticulate.fit.articulate import articulate
 from rearticulate.fit.articulated import Articulated
-from rearticulate.fit.diagnose import diagnose
-from rearticulate.fit.energy import energy, frame_residual
+from rearticulate.fit.energy import energy
 from rearticulate.fit.flow import SceneFlow
 from rearticulate.fit.frames import Frames, make_frames
 from rearticulate.fit.incomplete import complete_frames, fill_in
 from rearticulate.fit.labels import Labeller
 from rearticulate.fit.relax import relax
 from rearticulate.fit.relaxed import Relaxed
+from rearticulate.fit.spherical import BallTree
 from rearticulate.io.check import check_sequence
 from rearticulate.io.stages import StageStore
 from rearticulate.parallel import side_by_side
-from rearticulate.records import FitResult, JointType, KinematicModel, Motion, PointSequence, StageTime
+from rearticulate.records import FitResult, PointSequence, StageTime
+from rearticulate.results import Candidate, to_result
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 Progress = Callable[[str, float], None]
-
-
-@dataclasses.dataclass(frozen=True)
-class Candidate:
-    """One complete fit from one canonical frame, in the fitter's units. energy: what canonical frames are chosen by."""
-
-    canonical: int
-    tree: Articulated
-    labels: IntArray
-    energy: float
 
 
 class Clock:
@@ -87,7 +77,7 @@ def fit(
     chosen = [working_rows(len(p), config.working_points, rng) for p in sequence.points]
     frames = make_frames([p[rows] for p, rows in zip(sequence.points, chosen, strict=True)])
     known = complete_frames(np.diff(frames.start))
-    if canonical is not None and canonical not in known:
+    if (canonical is not None and canonical not in known) or config.deviation.joints == "ball":
         known = np.arange(F)
     shown = frames.take(known)
     labeller = Labeller(shown, config.label)
@@ -100,7 +90,8 @@ def fit(
     energies = {int(known[t.canonical]): t.energy for t in fits}
     best = min(fits, key=lambda t: t.energy)
     c = int(known[best.canonical])
-    best = Candidate(c, *fill_in(frames, known, c, best.tree, best.labels), best.energy)
+    if isinstance(best.tree, Articulated):
+        best = Candidate(c, *fill_in(frames, known, c, best.tree, best.labels), best.energy, best.relaxed)
     clock("finish", 0.0)
     result = to_result(sequence, chosen, frames, best, config, seed, energies)
     clock("finish", 1.0)
@@ -148,12 +139,14 @@ class Solver:
     mark: str
 
     def candidate(self, canonical: int) -> Candidate:
+        flow = self.flow(canonical)
+        relaxed = self.relaxed(canonical, flow)
         saved = self.store.load(f"articulated-{canonical}", self.mark)
         if saved is not None:
             labels, value = saved.pop("labels"), float(saved.pop("energy"))
-            return Candidate(canonical, Articulated(**saved), labels, value)
-        flow = self.flow(canonical)
-        found = self.articulated(canonical, self.relaxed(canonical, flow), flow)
+            tree = BallTree(**saved) if "centre" in saved else Articulated(**saved)
+            return Candidate(canonical, tree, labels, value, relaxed)
+        found = self.articulated(canonical, relaxed, flow)
         everything = {**vars(found.tree), "labels": found.labels, "energy": found.energy}
         self.store.save(f"articulated-{canonical}", self.mark, everything)
         return found
@@ -172,12 +165,13 @@ class Solver:
         if saved is not None:
             return Relaxed(saved["T"], saved["labels"])
         rng = np.random.default_rng([self.seed, canonical, 0])
-        if self.config.relax == "neural":
+        neural, model = self.config.relax == "neural", None
+        if not neural or self.config.neural.start == "direct":
+            model = relax(self.frames, canonical, self.labeller, self.config, rng, self.clock)
+        if model is None or neural:
             from rearticulate.fit.neural.relax import relax_neural
 
-            model = relax_neural(self.frames, canonical, flow, self.config.neural, rng, self.clock)
-        else:
-            model = relax(self.frames, canonical, self.labeller, self.config, rng, self.clock)
+            model = relax_neural(self.frames, canonical, flow, self.config.neural, rng, self.clock, model)
         self.store.save(f"relaxed-{canonical}", self.mark, {"T": model.T, "labels": model.labels})
         return model
 
@@ -186,69 +180,7 @@ class Solver:
             from rearticulate.fit.neural.articulate import articulate_paper
 
             tree, labels, cost = articulate_paper(self.frames, canonical, relaxed, flow, self.config, self.clock)
-            return Candidate(canonical, tree, labels, cost)
+            return Candidate(canonical, tree, labels, cost, relaxed)
         rng = np.random.default_rng([self.seed, canonical, 1])
         tree, labels = articulate(self.frames, canonical, relaxed, self.labeller, self.config, rng, self.clock)
-        return Candidate(canonical, tree, labels, energy(self.frames, tree.forward(), labels))
-
-
-def to_result(
-    sequence: PointSequence,
-    chosen: list[IntArray],
-    frames: Frames,
-    best: Candidate,
-    config: FitConfig,
-    seed: int,
-    energies: dict[int, float],
-) -> FitResult:
-    """Back to metres and to the input's points."""
-    tree, c, unit, centre = best.tree, best.canonical, frames.unit, frames.centre
-    T = tree.forward()
-    joints, origins = diagnose(frames, c, tree, best.labels, config.project)
-    q = np.where(tree.revolute, tree.q, tree.q * unit)
-    q[:, 0] = 0.0
-    T_root = tree.T_root.copy()
-    T_root[:, :3, 3] = unit * T_root[:, :3, 3] + centre - T_root[:, :3, :3] @ centre
-    labels = all_labels(sequence, chosen, frames, T, best.labels, c)
-    kinds: list[JointType] = ["revolute" if turning else "prismatic" for turning in tree.revolute]
-    kinds[0] = "floating"
-    model = KinematicModel(
-        canonical=c,
-        parent=tree.parent,
-        joint_type=tuple(kinds),
-        axis=tree.axes,
-        origin=np.where(np.arange(tree.n_parts)[:, None] == 0, 0.0, origins * unit + centre),
-        limits=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
-        names=tuple(f"part_{j}" for j in range(tree.n_parts)),
-        points=sequence.points[c],
-        labels=labels[c],
-    )
-    return FitResult(
-        model=model,
-        motion=Motion(q, T_root),
-        labels=labels,
-        joints=tuple(joints),
-        energy=best.energy,
-        energies=energies,
-        residual=frame_residual(frames, c, T, best.labels) * unit,
-        config=dataclasses.asdict(config),
-        seed=seed,
-    )
-
-
-def all_labels(
-    sequence: PointSequence, chosen: list[IntArray], frames: Frames, T: Array, labels: IntArray, canonical: int
-) -> tuple[IntArray, ...]:
-    """Labels of every input point; a point that took no part in the fit asks its nearest neighbours of its frame."""
-    flat = np.empty_like(labels)
-    flat[frames.order] = labels
-    out = []
-    for f, points in enumerate(sequence.points):
-        fitted = flat[frames.start[f] : frames.start[f + 1]]
-        label = np.empty(len(points), dtype=np.int64)
-        label[chosen[f]] = fitted
-        rest = np.setdiff1d(np.arange(len(points)), chosen[f])
-        if len(rest):
-            label[rest] = fitted[KDTree(points[chosen[f]]).query(points[rest], workers=-1)[1]]
-        out.append(label)
-    return tuple(out)
+        return Candidate(canonical, tree, labels, energy(self.frames, tree.forward(), labels), relaxed)

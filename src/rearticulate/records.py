@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from rearticulate.geometry.kinematics import forward_kinematics
-from rearticulate.geometry.se3 import inverse, transform
+from rearticulate.geometry.kinematics import chain
+from rearticulate.geometry.se3 import exp_se3, inverse, transform
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
-JointType = Literal["floating", "fixed", "revolute", "prismatic"]
+JointType = Literal["floating", "fixed", "revolute", "prismatic", "spherical"]
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,11 @@ class KinematicModel:
 
     canonical:  index of the frame whose cloud defines the rest pose (all q = 0).
     parent:     (P,) parents come before children; parent[0] = -1.
-    joint_type: (P,) "floating" at the root, else "fixed", "revolute" or "prismatic".
-    axis:       (P, 3) unit, canonical coordinates; zero at the root.
-    origin:     (P, 3) a point on the axis, the one nearest to the joint's points, canonical coordinates.
-    limits:     (P, 2) observed range of q, rad or m.
+    joint_type: (P,) "floating" at the root, else "fixed", "revolute", "prismatic" or "spherical".
+    axis:       (P, 3) unit, canonical coordinates; zero at the root and where the joint is spherical.
+    origin:     (P, 3) a point on the axis, the one nearest to the joint's points, canonical coordinates; the centre of
+                a spherical joint.
+    limits:     (P, 2) observed range of q, rad or m; of the angle where the joint is spherical.
     names:      (P,) unique part names.
     points:     (N, 3) canonical cloud. labels: (N,) part of each canonical point.
     """
@@ -114,16 +115,34 @@ class KinematicModel:
                 twist[j, 3:] = self.axis[j]
         return twist
 
+    @property
+    def n_values(self) -> int:
+        """Joint values of one posture: one a part, and two more a spherical joint, after those of the parts."""
+        return self.n_parts + 2 * self.joint_type.count("spherical")
+
+    def values(self, j: int) -> list[int]:
+        """Where the values of joint j stand in q: one number, or the rotation vector (rad) of a spherical joint."""
+        if self.joint_type[j] != "spherical":
+            return [j]
+        more = self.n_parts + 2 * self.joint_type[:j].count("spherical")
+        return [j, more, more + 1]
+
     def forward(self, q: Array, T_world_root: Array | None = None) -> Array:
         """Part poses for joint values (paper eq. 2).
 
-        q: (..., P) rad or m (the root's entry is ignored). T_world_root: (..., 4, 4), identity when absent.
-        Returns T_world_part (..., P, 4, 4); the identity for every part at q = 0.
+        q: (..., D) rad or m, D = n_values (the root's entry is ignored). T_world_root: (..., 4, 4), identity when
+        absent. Returns T_world_part (..., P, 4, 4); the identity for every part at q = 0.
         """
-        return forward_kinematics(self.parent, self.twists, np.asarray(q, dtype=np.float64), T_world_root)
+        q = np.asarray(q, dtype=np.float64)
+        screws = q[..., : self.n_parts, None] * self.twists
+        for j, kind in enumerate(self.joint_type):
+            if kind == "spherical":
+                turn = q[..., self.values(j)]
+                screws[..., j, :] = np.concatenate([turn, np.cross(self.origin[j], turn)], axis=-1)
+        return chain(self.parent, exp_se3(screws), T_world_root)
 
     def pose(self, q: Array, T_world_root: Array | None = None) -> Array:
-        """The canonical cloud moved to joint values q (P,): (N, 3)."""
+        """The canonical cloud moved to joint values q (D,): (N, 3)."""
         return transform(self.forward(q, T_world_root)[self.labels], self.points)
 
     def part_of(self, points: Array) -> IntArray:
@@ -138,10 +157,24 @@ class KinematicModel:
 
 @dataclass(frozen=True)
 class Motion:
-    """Joint values in every frame: q (F, P) rad or m, zero at the canonical frame; T_world_root (F, 4, 4)."""
+    """Joint values in every frame: q (F, D) rad or m (see `KinematicModel.values`), zero at the canonical frame;
+    T_world_root (F, 4, 4)."""
 
     q: Array
     T_world_root: Array
+
+
+@dataclass(frozen=True)
+class RelaxedModel:
+    """The rigid parts of a fit before they are joined: every part moves freely (paper, sec. 3.3.1).
+
+    points: (N, 3) canonical cloud. labels: (N,) part of each point. T_world_part: (F, P, 4, 4), the identity at the
+    canonical frame.
+    """
+
+    points: Array
+    labels: IntArray
+    T_world_part: Array
 
 
 @dataclass(frozen=True)
@@ -181,6 +214,7 @@ class FitResult:
     joints:   one record a part (the root's is empty of meaning).
     energy:   label-free energy of the result, in point spacings; energies: of every canonical frame that was tried.
     residual: (F,) mean distance of each frame's points to the model, m.
+    relaxed:  the parts before they were joined; not kept in files.
     """
 
     model: KinematicModel
@@ -193,6 +227,7 @@ class FitResult:
     stages: tuple[StageTime, ...] = ()
     config: dict[str, Any] = field(default_factory=dict)
     seed: int = 0
+    relaxed: RelaxedModel | None = None
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ Recording = tuple[PointSequence, GroundTruth]
 
 # the paper's split; its other robots are for training and validation
 PAPER_TEST = ("kinova", "ur5", "bolt", "allegro", "barrett", "reachy", "icub", "jvrc", "a1", "solo")
+PAPER_VALIDATION = ("panda", "nao")
 ROBOTS = (*PAPER_TEST, "nao", "panda", "atlas", "baxter", "laikago", "iiwa")
 HOUSEHOLD = (
     "base_cabinet",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from rearticulate.bench import results_page
+from rearticulate.bench import flow_page, paper_pages, results_page
 from rearticulate.bench.runner import Answer, Job
 from rearticulate.errors import InputError
 
@@ -20,6 +20,12 @@ class Page:
 
 PAGES = {
     "results": Page(results_page.JOBS, results_page.report),
+    "robots": Page(paper_pages.ROBOT_JOBS, paper_pages.robots),
+    "energies": Page(paper_pages.ENERGY_JOBS, paper_pages.energy_ablation),
+    "designs": Page(paper_pages.DESIGN_JOBS, paper_pages.design_ablation),
+    "household": Page(paper_pages.HOUSEHOLD_JOBS, paper_pages.household),
+    "time": Page([*paper_pages.ROBOT_JOBS, *paper_pages.HOUSEHOLD_JOBS], paper_pages.run_time),
+    "flow": Page([], flow_page.report),
 }
 
 

@@ -35,12 +35,13 @@ class Job:
 
 @dataclass(frozen=True)
 class Runner:
-    """cache: folder of the finished jobs. jobs: how many at the same time; they share the cores."""
+    """cache: folder of finished jobs. jobs: how many at the same time; they share the cores. quick: see `variant`."""
 
     cache: Path
     seed: int = 0
     jobs: int = 1
     fresh: bool = False
+    quick: bool = False
 
     def run(self, wanted: list[Job]) -> dict[str, Answer]:
         """Answers by the names of the jobs; a job that fails says why on stderr and has none."""
@@ -51,7 +52,7 @@ class Runner:
 
     def path(self, job: Job) -> Path:
         """Where the answer of a job is kept."""
-        key = f"{code_hash()}-{config_hash(variant(job.variant))}-{self.seed}"
+        key = f"{code_hash()}-{config_hash(variant(job.variant, self.quick))}-{self.seed}"
         return self.cache / key / f"{job.case.name.replace('/', '-')}.json"
 
     def _run_one(self, job: Job) -> None:
@@ -60,7 +61,8 @@ class Runner:
         threads = str(max(1, (os.cpu_count() or 1) // max(1, self.jobs)))
         limits = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), threads)
         module = "rearticulate.bench.worker"
-        command = [sys.executable, "-m", module, job.case.name, job.variant, str(self.seed), str(path)]
+        wanted = [job.case.name, job.variant, "quick" if self.quick else "full", str(self.seed), str(path)]
+        command = [sys.executable, "-m", module, *wanted]
         done = subprocess.run(command, env={**os.environ, **limits}, capture_output=True, text=True, check=False)
         if done.returncode:
             line = f"failed: {(done.stderr.strip() or f'exit code {done.returncode}').splitlines()[-1]}"

@@ -15,7 +15,19 @@ from pathlib import Path
 from rearticulate.config import FitConfig
 
 PACKAGE = Path(__file__).resolve().parents[1]
-_CODE = ("config.py", "evaluate", "fit", "geometry", "io", "network", "pipeline.py", "pose", "records.py", "synth")
+_CODE = (
+    "config.py",
+    "evaluate",
+    "fit",
+    "geometry",
+    "io",
+    "network",
+    "pipeline.py",
+    "pose",
+    "records.py",
+    "results.py",
+    "synth",
+)
 
 
 def config_hash(config: FitConfig) -> str:

@@ -2,14 +2,48 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
 from rearticulate.config import PRESETS, FitConfig
 from rearticulate.errors import InputError
 
-VARIANTS: dict[str, FitConfig] = dict(PRESETS)
+QUICK = {"chamfer_iterations": 500, "emd_iterations": 500, "final_iterations": 50}
+ENERGIES = ("chamfer", "flow", "emd")
 
 
-def variant(name: str) -> FitConfig:
-    """The configuration of a name. Raises InputError with the names that exist."""
+def _paper(neural: dict[str, Any] | None = None, **settings: Any) -> FitConfig:
+    """The paper's preset with other settings."""
+    paper = PRESETS["paper"]
+    return replace(paper, neural=replace(paper.neural, **(neural or {})), **settings)
+
+
+def energies(used: tuple[bool, ...]) -> str:
+    """Name of the variant with these of `ENERGIES`: always from the middle frame, without the final fit (Table 3)."""
+    return "energy:" + "+".join(name for name, on in zip(ENERGIES, used, strict=True) if on)
+
+
+VARIANTS: dict[str, FitConfig] = {
+    **PRESETS,
+    **{
+        energies(used): _paper(
+            {name: 0.0 for name, on in zip(ENERGIES, used, strict=True) if not on} | {"final_iterations": 0},
+            canonical_tries=1,
+        )
+        for used in product((True, False), repeat=3)
+        if any(used)
+    },
+    "without field": _paper({"field": False}),
+    "without Gumbel": _paper({"gumbel": False}),
+    "without canonical choice": _paper(canonical_tries=1),
+}
+
+
+def variant(name: str, quick: bool = False) -> FitConfig:
+    """The configuration of a name; quick: with a fifteenth of the iterations. Raises InputError with the names."""
     if name not in VARIANTS:
         raise InputError(f"there is no configuration {name!r}; there are {', '.join(VARIANTS)}")
-    return VARIANTS[name]
+    config = VARIANTS[name]
+    limits = {key: min(value, getattr(config.neural, key)) for key, value in QUICK.items()}
+    return replace(config, neural=replace(config.neural, **limits)) if quick else config

@@ -1,5 +1,5 @@
 """One case in a process of its own, so that its peak memory is its own:
-`python -m rearticulate.bench.worker CASE VARIANT SEED OUTPUT.json`.
+`python -m rearticulate.bench.worker CASE VARIANT full|quick SEED OUTPUT.json`.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ from rearticulate.bench.cases import Case, data_folder, find_case
 from rearticulate.bench.seen import seen_metrics
 from rearticulate.bench.variants import variant
 from rearticulate.evaluate.metrics import evaluate
+from rearticulate.evaluate.relaxed import evaluate_relaxed
 from rearticulate.io.atomic import atomic_file
 from rearticulate.pipeline import fit
-from rearticulate.records import FitResult
+from rearticulate.records import FitResult, GroundTruth, PointSequence
 
 Fit = Callable[..., FitResult]
 
@@ -41,7 +42,15 @@ def run_case(case: Case, folder: Path, seed: int, fitter: Fit) -> dict[str, Any]
             **{m.key: float(m.value) for m in evaluate(result, truth, sequence)},
             **seen_metrics(result, truth, sequence),
         },
+        "relaxed": _relaxed_metrics(result, truth, sequence),
     }
+
+
+def _relaxed_metrics(result: FitResult, truth: GroundTruth, sequence: PointSequence) -> dict[str, float]:
+    if result.relaxed is None:
+        return {}
+    found = evaluate_relaxed(result.relaxed, truth, sequence, result.model.canonical)
+    return {m.key: float(m.value) for m in found}
 
 
 def _seconds_by_stage(result: FitResult) -> dict[str, float]:
@@ -62,8 +71,9 @@ def peak_megabytes() -> float | None:
     return peak / (1024**2 if sys.platform == "darwin" else 1024)
 
 
-def main(name: str, configuration: str, seed: str, output: str) -> None:
-    answer = run_case(find_case(name), data_folder(), int(seed), partial(fit, config=variant(configuration)))
+def main(name: str, configuration: str, length: str, seed: str, output: str) -> None:
+    config = variant(configuration, quick=length == "quick")
+    answer = run_case(find_case(name), data_folder(), int(seed), partial(fit, config=config))
     with atomic_file(output) as temporary:
         temporary.write_text(json.dumps(answer))
 

@@ -11,7 +11,7 @@ from rearticulate.bench.gate import regressions
 from rearticulate.bench.pages import find_page
 from rearticulate.bench.runner import Job, Runner
 from rearticulate.bench.stamp import stamp
-from rearticulate.bench.variants import variant
+from rearticulate.bench.variants import QUICK, variant
 from rearticulate.commands.outcome import say
 from rearticulate.commands.show import print_json
 from rearticulate.errors import FitError, InputError
@@ -26,6 +26,7 @@ class BenchOptions:
     seed: int
     jobs: int
     fresh: bool
+    quick: bool
     compare: Path | None
     as_json: bool
 
@@ -35,15 +36,18 @@ def run_bench(name: str, out: Path, options: BenchOptions) -> None:
     page = find_page(name)
     data_folder()  # says at once where there is none
     wanted = choose(page.jobs, options.only)
-    answers = Runner(out / ".cache", options.seed, options.jobs, options.fresh).run(wanted)
-    configs = {job.variant: variant(job.variant) for job in page.jobs}
+    answers = Runner(out / ".cache", options.seed, options.jobs, options.fresh, options.quick).run(wanted)
+    configs = {job.variant: variant(job.variant, options.quick) for job in page.jobs}
     facts = {"stamp": stamp(configs, options.seed, options.jobs), "answers": answers}
+    if options.quick:
+        facts["stamp"]["quick"] = f"at most {', '.join(f'{value} {key}' for key, value in QUICK.items())}"
     text = page.render(facts["stamp"], answers)
     if options.as_json:
         print_json(facts)
     else:
         print(text)
     if not options.only:
+        name = f"{name}-quick" if options.quick else name
         for suffix, content in ((".md", text), (".json", json.dumps(facts, indent=1) + "\n")):
             with atomic_file(out / f"{name}{suffix}") as partial:
                 partial.write_text(content, encoding="utf-8")

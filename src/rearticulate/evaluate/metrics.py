@@ -24,7 +24,7 @@ def evaluate(result: FitResult, truth: GroundTruth, sequence: PointSequence) -> 
     true_labels = [truth.labels[f][sequence.index[f]] for f in range(len(sequence))]
     labels = true_labels[result.model.canonical]
     return [
-        *_motion_metrics(result, truth, labels),
+        *flow_metrics(*point_motion(result, truth, labels)),
         *_segmentation_metrics(result, true_labels),
         Metric("tree_edit_distance", tree_edit_distance(result.model.parent, truth.parent), "edits", "lower"),
         *_reanimation_metrics(result, truth, labels, sequence.index[result.model.canonical]),
@@ -61,9 +61,8 @@ def point_motion(result: FitResult, truth: GroundTruth, labels: IntArray) -> tup
     return predicted, transform(truth.motion(model.canonical)[:, labels], model.points)
 
 
-def _motion_metrics(result: FitResult, truth: GroundTruth, labels: IntArray) -> list[Metric]:
-    """Reconstruction error, and the errors of the flow between consecutive frames."""
-    predicted, true = point_motion(result, truth, labels)
+def flow_metrics(predicted: Array, true: Array) -> list[Metric]:
+    """Reconstruction error of points (F, N, 3), and the errors of the flow between consecutive frames."""
     recon = np.linalg.norm(predicted - true, axis=-1).mean()
     flow = np.diff(true, axis=0)
     error = np.linalg.norm(np.diff(predicted, axis=0) - flow, axis=-1)

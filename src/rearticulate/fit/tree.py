@@ -67,25 +67,23 @@ class Link:
     revolute: bool
 
 
+def number_parts(parent: dict[int, int], root: int, P: int) -> tuple[IntArray, IntArray]:
+    """Number the parts parents first, breadth first. parent: of every part but the root, by their old numbers.
+
+    Returns the new number of every old part (P,) and the parents by new numbers (P,).
+    """
+    number, order = np.full(P, -1), [root]
+    for new, part in enumerate(order):  # which grows meanwhile
+        number[part] = new
+        order += sorted(child for child, above in parent.items() if above == part)
+    return number, np.array([-1] + [int(number[parent[part]]) for part in order[1:]])
+
+
 def assemble(links: list[Link], T_root: Array, root: int, P: int) -> tuple[Articulated, IntArray]:
-    """Number the parts parents first. Returns the tree and the new number of every old part."""
-    by_parent: dict[int, list[Link]] = {}
+    """The tree of the links, parents first. Returns it and the new number of every old part."""
+    number, parent = number_parts({link.child: link.parent for link in links}, root, P)
+    twist, revolute, q = np.zeros((P, 6)), np.ones(P, dtype=bool), np.zeros((len(T_root), P))
     for link in links:
-        by_parent.setdefault(link.parent, []).append(link)
-    number, queue, F = np.full(P, -1), [root], len(T_root)
-    parent, revolute = [-1], [True]
-    twist: list[Array] = [np.zeros(6)]
-    q: list[Array] = [np.zeros(F)]
-    number[root] = 0
-    while queue:
-        for link in sorted(by_parent.get(queue[0], []), key=lambda k: k.child):
-            number[link.child] = len(parent)
-            parent.append(int(number[link.parent]))
-            twist.append(link.twist)
-            revolute.append(link.revolute)
-            q.append(link.q)
-            queue.append(link.child)
-        queue.pop(0)
-    return Articulated(
-        np.array(parent), np.array(twist), np.array(revolute), np.stack(q, axis=1), T_root.copy()
-    ), number
+        j = number[link.child]
+        twist[j], revolute[j], q[:, j] = link.twist, link.revolute, link.q
+    return Articulated(parent, twist, revolute, q, T_root.copy()), number

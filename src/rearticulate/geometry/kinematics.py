@@ -16,7 +16,12 @@ IntArray = NDArray[np.integer]
 
 def forward_kinematics(parent: IntArray, twists: Array, q: Array, T_world_root: Array | None = None) -> Array:
     """Part poses (..., P, 4, 4) from joint values q (..., P) and root poses (..., 4, 4) (identity when absent)."""
-    steps = exp_se3(q[..., None] * twists)
+    return chain(parent, exp_se3(q[..., None] * twists), T_world_root)
+
+
+def chain(parent: IntArray, steps: Array, T_world_root: Array | None = None) -> Array:
+    """Part poses (..., P, 4, 4) from the motion of every part against its parent, steps (..., P, 4, 4); the root's own
+    step has no effect."""
     T = np.empty_like(steps)
     T[..., 0, :, :] = np.eye(4) if T_world_root is None else T_world_root
     for j in range(1, len(parent)):

@@ -6,7 +6,7 @@ model.json     what a person may want to read:
     canonical      index of the frame whose cloud defines the rest pose
     parts          in order, parents before children; each with
         name, parent   the parent's name, null at the root
-        joint_type     "floating" at the root, else "fixed", "revolute" or "prismatic": joint to the parent
+        joint_type     "floating" at the root, else "fixed", "revolute", "prismatic" or "spherical": joint to the parent
         axis, origin   unit axis and a point on it, metres, in the coordinates of the canonical frame
         limits         observed range of the joint value, rad or m
         diagnostics    see `records.JointDiagnostics`
@@ -15,11 +15,12 @@ model.json     what a person may want to read:
     seed, config   what to repeat the fit with
     Not-a-number and infinities are the strings "nan", "inf" and "-inf".
 config.json    the resolved configuration once more, on its own
-arrays.npz     points (N, 3) float64 and labels (N,) int64: canonical cloud and its parts; q (F, P);
+arrays.npz     points (N, 3) float64 and labels (N,) int64: canonical cloud and its parts; q (F, D);
                T_world_root (F, 4, 4); residual (F,); frame_labels (sum N_f,): the part of each point of the input,
                frame f in frame_labels[frame_offsets[f]:frame_offsets[f + 1]]; frame_index, split alike: row of each
                of these points in its source file; frame_points (sum N_f, 3), split alike: the points themselves
-joints.csv     a line a frame: frame, then one column a moving joint, "name [rad]" or "name [m]"
+joints.csv     a line a frame: frame, then one column a moving joint, "name [rad]" or "name [m]"; the rotation vector of
+               a spherical joint has three, "name.x [rad]" and so on
 canonical.ply  the canonical cloud, coloured by part
 stages/        what a stopped fit goes on from (see `io.stages`); kept when the result is replaced
 """
@@ -117,7 +118,7 @@ def load_result(folder: PathLike) -> FitResult:
         labels = _split(arrays["frame_labels"], arrays["frame_offsets"])
         F = len(labels)
         shapes = (motion.q.shape, motion.T_world_root.shape, arrays["residual"].shape)
-        if shapes != ((F, model.n_parts), (F, 4, 4), (F,)):
+        if shapes != ((F, model.n_values), (F, 4, 4), (F,)):
             raise ValueError("the arrays disagree on the number of frames or parts")
         return FitResult(
             model=model,
@@ -225,11 +226,17 @@ def _arrays(result: FitResult, sequence: PointSequence) -> dict[str, Any]:
 
 def _write_joints(path: Path, result: FitResult) -> None:
     model = result.model
-    moving = [j for j, kind in enumerate(model.joint_type) if kind in _UNITS]
+    columns: dict[str, int] = {}
+    for j, kind in enumerate(model.joint_type):
+        if kind == "spherical":
+            columns |= {f"{model.names[j]}.{x} [rad]": k for x, k in zip("xyz", model.values(j), strict=True)}
+        elif kind in _UNITS:
+            columns[f"{model.names[j]} [{_UNITS[kind]}]"] = j
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(["frame", *(f"{model.names[j]} [{_UNITS[model.joint_type[j]]}]" for j in moving)])
-        writer.writerows([f, *(repr(float(value)) for value in q[moving])] for f, q in enumerate(result.motion.q))
+        writer.writerow(["frame", *columns])
+        rows = result.motion.q[:, list(columns.values())]
+        writer.writerows([f, *(repr(float(value)) for value in q)] for f, q in enumerate(rows))
 
 
 def _read(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:

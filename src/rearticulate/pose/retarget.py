@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -10,6 +10,7 @@ from scipy.spatial import KDTree
 from rearticulate.errors import InputError
 from rearticulate.geometry.se3 import exp_se3, hat, inverse, transform
 from rearticulate.pose.least_squares import BoolArray, PoseProblem, Starts, residuals, solve, start
+from rearticulate.pose.single import single_valued
 from rearticulate.records import Array, IntArray, KinematicModel
 
 SIGMAS = (np.inf, 0.03, 0.01)  # robust scales, coarse to fine, in sizes of the object (bounding box diagonal)
@@ -24,7 +25,7 @@ MAX_ALTERNATIVES = 16
 
 @dataclass(frozen=True)
 class RetargetResult:
-    """q (P,) rad or m (the root's entry is 0), T_world_root (4, 4), residual (K,) distances that remain, m.
+    """q (D,) rad or m (the root's entry is 0), T_world_root (4, 4), residual (K,) distances that remain, m.
 
     part: (K,) the part each source point was taken to belong to. converged; iterations: over all starts together.
     """
@@ -52,6 +53,12 @@ def retarget(
     other part explains its target better. free_root: False keeps the root where it is in the canonical frame.
     The loss is robust, so a few wrong pairs do no harm. Joints that move no source point stay at zero.
     """
+    if "spherical" in model.joint_type:
+        hinges = single_valued(model)
+        own = None if part is None else hinges.number[_parts(model, part, len(np.asarray(source_points)))]
+        found = retarget(hinges.model, source_points, target_points, part=own, free_root=free_root, seed=seed)
+        known = np.searchsorted(hinges.number, found.part)
+        return replace(found, q=hinges.back(found.q), part=known)
     source, target = _points("source", source_points), _points("target", target_points)
     if source.shape != target.shape:
         raise InputError(f"{len(source)} source points but {len(target)} target points: they must come in pairs")

@@ -38,7 +38,7 @@ def _joint_row(result: FitResult, j: int) -> JointRow:
         part=model.names[j],
         parent=model.names[model.parent[j]],
         kind=model.joint_type[j],
-        axis=_vector(model.axis[j], 3) if moves else "",
+        axis=_vector(model.axis[j], 3) if model.axis[j].any() else "",
         origin=_vector(model.origin[j], 3),
         range=joint_range(model, j),
         residual=length(joint.residual),
@@ -48,13 +48,13 @@ def _joint_row(result: FitResult, j: int) -> JointRow:
 
 
 def joint_range(model: KinematicModel, j: int) -> str:
-    """Observed values of q: degrees for a hinge, centimetres for a slide."""
+    """Observed values of q: degrees for a hinge or a ball, centimetres for a slide."""
     low, high = model.limits[j]
     if model.joint_type[j] == "revolute":
         return f"{math.degrees(low):.1f} … {math.degrees(high):.1f}°"
     if model.joint_type[j] == "prismatic":
         return f"{100 * low:.2f} … {100 * high:.2f} cm"
-    return ""
+    return f"up to {math.degrees(high):.1f}°" if model.joint_type[j] == "spherical" else ""
 
 
 def joint_note(result: FitResult, j: int) -> str:
@@ -70,6 +70,8 @@ def joint_note(result: FitResult, j: int) -> str:
 
 def _uncertainty(result: FitResult, j: int) -> str:
     joint = result.joints[j]
+    if result.model.joint_type[j] == "spherical":
+        return f"±{length(joint.origin_std)}"
     direction = f"±{math.degrees(joint.axis_std):.2g}°"
     return direction if result.model.joint_type[j] == "prismatic" else f"{direction} ±{length(joint.origin_std)}"
 
@@ -98,7 +100,7 @@ def counted(n: int, noun: str) -> str:
 def headline(result: FitResult, sequence: PointSequence | None = None) -> list[str]:
     """The facts to read first."""
     model = result.model
-    kinds = [k for k in ("revolute", "prismatic", "fixed") if k in model.joint_type]
+    kinds = [k for k in ("revolute", "prismatic", "spherical", "fixed") if k in model.joint_type]
     joints = counted(model.n_parts - 1, "joint")
     if kinds:
         joints += " (" + ", ".join(f"{model.joint_type.count(k)} {k}" for k in kinds) + ")"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -161,6 +162,16 @@ def record(
     return PointSequence.from_arrays(noisy), _truth(thing, q, labels, T_world_part, T_world_novel)
 
 
+def record_poses(
+    surfaces_of_parts: Sequence[Array], parent: IntArray, T_world_part: Array, *, points: int = 4096, seed: int = 0
+) -> tuple[PointSequence, GroundTruth]:
+    """Record parts that move in any way: surfaces (T_p, 3, 3) under poses (F, P, 4, 4). The truth knows no joints."""
+    rng = np.random.default_rng(seed)
+    clouds, labels = zip(*(_sampled(surfaces_of_parts, T, points, rng) for T in T_world_part), strict=True)
+    poses = T_world_part @ inverse(T_world_part[0])
+    return PointSequence.from_arrays(clouds), GroundTruth(tuple(labels), poses, parent, poses[:0])
+
+
 def _steps(thing: ArticulatedObject, step: float, step_m: float | None) -> Array:
     """(P,) change of each joint value a frame: rad or m."""
     low, high = finite_limits(thing.limits).T
@@ -172,15 +183,18 @@ def _scan(
     thing: ArticulatedObject, T: Array, n: int, camera: Array | None, rng: np.random.Generator
 ) -> tuple[Array, IntArray]:
     """One frame: points (n, 3) and labels (n,) of the parts at poses T (P, 4, 4)."""
-    triangles = np.concatenate([surfaces.moved(T[p], s) for p, s in enumerate(thing.surfaces)])
-    part = np.repeat(np.arange(thing.n_parts), [len(s) for s in thing.surfaces])
     if camera is None:
-        cloud, index = surfaces.sample(triangles, n, rng)
-        return cloud, part[index]
-    cloud, index = surfaces.sample(triangles, _OVERSAMPLING * n, rng)
+        return _sampled(thing.surfaces, T, n, rng)
+    cloud, labels = _sampled(thing.surfaces, T, _OVERSAMPLING * n, rng)
     seen = visible_points(cloud, camera)
     kept = np.sort(rng.choice(seen, size=min(n, len(seen)), replace=False))
-    return cloud[kept], part[index[kept]]
+    return cloud[kept], labels[kept]
+
+
+def _sampled(parts: Sequence[Array], T: Array, n: int, rng: np.random.Generator) -> tuple[Array, IntArray]:
+    """Points (n, 3) on the surfaces of the parts at poses T (P, 4, 4), and the part of each (n,)."""
+    cloud, index = surfaces.sample(np.concatenate([surfaces.moved(T[p], s) for p, s in enumerate(parts)]), n, rng)
+    return cloud, np.repeat(np.arange(len(parts)), [len(s) for s in parts])[index]
 
 
 def _truth(thing: ArticulatedObject, q: Array, labels, T_world_part: Array, T_world_novel: Array) -> GroundTruth:

@@ -14,6 +14,7 @@ from rearticulate.fit.flow import SceneFlow
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.neural.refine import refine
 from rearticulate.fit.relaxed import Relaxed, spread_labels
+from rearticulate.fit.spherical import BallTree, project_balls
 from rearticulate.fit.tree import choose_root
 
 IntArray = NDArray[np.integer]
@@ -26,14 +27,18 @@ def articulate_paper(
     flow: Sequence[SceneFlow],
     config: FitConfig,
     progress: Callable[[str, float], None],
-) -> tuple[Articulated, IntArray, float]:
+) -> tuple[Articulated | BallTree, IntArray, float]:
     """The tree, the labels (M,) of all points, and what the canonical frame is chosen by: E_project + E_group."""
     progress("project", 0.0)
     model = merge_still(frames, canonical, relaxed, config.deviation)
     root = choose_root(frames, canonical, model, config.project)
-    start, cost = project_deviation(frames, canonical, model, config.deviation, root)
+    if config.deviation.joints == "ball":
+        start, labels, cost = project_balls(frames, canonical, model, config.deviation, root)
+    else:
+        projection, cost = project_deviation(frames, canonical, model, config.deviation, root)
+        start, labels = projection.tree, projection.starts[0]
     cost += centred(frames, canonical, model, config.deviation.radius).spread()
     progress("project", 1.0)
-    tree = refine(frames, canonical, start.tree, start.starts[0], flow, config.neural, progress)
-    labels = spread_labels(frames, canonical, tree.forward(), start.starts[0][frames.rows(canonical)])
+    tree = refine(frames, canonical, start, labels, flow, config.neural, progress)
+    labels = spread_labels(frames, canonical, tree.forward(), labels[frames.rows(canonical)])
     return tree, labels, cost

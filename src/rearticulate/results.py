@@ -1,0 +1,151 @@
+"""From the fitter's units and its working points back to metres and to every point of the input."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from rearticulate.config import FitConfig
+from rearticulate.fit.articulated import Articulated
+from rearticulate.fit.diagnose import diagnose
+from rearticulate.fit.energy import frame_residual
+from rearticulate.fit.frames import Frames
+from rearticulate.fit.relaxed import Relaxed
+from rearticulate.fit.spherical import BallTree, diagnose_balls
+from rearticulate.records import (
+    FitResult,
+    JointDiagnostics,
+    JointType,
+    KinematicModel,
+    Motion,
+    PointSequence,
+    RelaxedModel,
+)
+
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One complete fit from one canonical frame, in the fitter's units. energy: what canonical frames are chosen by."""
+
+    canonical: int
+    tree: Articulated | BallTree
+    labels: IntArray
+    energy: float
+    relaxed: Relaxed
+
+
+def to_result(
+    sequence: PointSequence,
+    chosen: list[IntArray],
+    frames: Frames,
+    best: Candidate,
+    config: FitConfig,
+    seed: int,
+    energies: dict[int, float],
+) -> FitResult:
+    """Back to metres and to the input's points."""
+    tree, c, T = best.tree, best.canonical, best.tree.forward()
+    joints = screw_joints(frames, best, config) if isinstance(tree, Articulated) else ball_joints(frames, best, tree)
+    labels = all_labels(sequence, chosen, frames, best.labels)
+    model = KinematicModel(
+        canonical=c,
+        parent=tree.parent,
+        joint_type=joints.kinds,
+        axis=joints.axis,
+        origin=joints.origin,
+        limits=joints.limits,
+        names=tuple(f"part_{j}" for j in range(tree.n_parts)),
+        points=sequence.points[c],
+        labels=labels[c],
+    )
+    return FitResult(
+        model=model,
+        motion=Motion(joints.q, in_metres(frames, tree.T_root)),
+        labels=labels,
+        joints=tuple(joints.diagnostics),
+        energy=best.energy,
+        energies=energies,
+        residual=frame_residual(frames, c, T, best.labels) * frames.unit,
+        config=asdict(config),
+        seed=seed,
+        relaxed=relaxed_model(sequence, chosen, frames, best),
+    )
+
+
+@dataclass(frozen=True)
+class Joints:
+    """The joints of a result, as in `KinematicModel` and `Motion`."""
+
+    kinds: tuple[JointType, ...]
+    axis: Array
+    origin: Array
+    limits: Array
+    q: Array
+    diagnostics: list[JointDiagnostics]
+
+
+def screw_joints(frames: Frames, best: Candidate, config: FitConfig) -> Joints:
+    """Hinges and slides."""
+    tree = best.tree
+    assert isinstance(tree, Articulated)
+    diagnostics, origins = diagnose(frames, best.canonical, tree, best.labels, config.project)
+    kinds: list[JointType] = ["revolute" if turning else "prismatic" for turning in tree.revolute]
+    kinds[0] = "floating"
+    q = np.where(tree.revolute, tree.q, tree.q * frames.unit)
+    q[:, 0] = 0.0
+    origin = np.where(np.arange(tree.n_parts)[:, None] == 0, 0.0, origins * frames.unit + frames.centre)
+    return Joints(tuple(kinds), tree.axes, origin, np.stack([q.min(axis=0), q.max(axis=0)], axis=1), q, diagnostics)
+
+
+def ball_joints(frames: Frames, best: Candidate, tree: BallTree) -> Joints:
+    """Ball joints: the second and third number of each rotation vector come after the first ones of all parts."""
+    P = tree.n_parts
+    kinds: list[JointType] = ["floating", *["spherical"] * (P - 1)]  # type: ignore[list-item]
+    origin = tree.centre * frames.unit + frames.centre
+    origin[0] = 0.0
+    q = np.concatenate([tree.turn[:, :, 0], tree.turn[:, 1:, 1:].reshape(len(tree.turn), -1)], axis=1)
+    angle = np.linalg.norm(tree.turn, axis=-1).max(axis=0)
+    limits = np.stack([np.zeros(P), angle], axis=1)
+    diagnostics = diagnose_balls(frames, best.canonical, tree, best.labels)
+    return Joints(tuple(kinds), np.zeros((P, 3)), origin, limits, q, diagnostics)
+
+
+def in_metres(frames: Frames, T: Array) -> Array:
+    """Motions (..., 4, 4) of the frames' units about the origin of the input."""
+    out = T.copy()
+    out[..., :3, 3] = frames.unit * T[..., :3, 3] + frames.centre - T[..., :3, :3] @ frames.centre
+    return out
+
+
+def relaxed_model(
+    sequence: PointSequence, chosen: list[IntArray], frames: Frames, best: Candidate
+) -> RelaxedModel | None:
+    """The parts before they were joined; None where incomplete frames took no part."""
+    if len(best.relaxed.T) != frames.n_frames:
+        return None
+    labels = all_labels(sequence, chosen, frames, best.relaxed.labels)[best.canonical]
+    return RelaxedModel(sequence.points[best.canonical], labels, in_metres(frames, best.relaxed.T))
+
+
+def all_labels(
+    sequence: PointSequence, chosen: list[IntArray], frames: Frames, labels: IntArray
+) -> tuple[IntArray, ...]:
+    """Labels of every input point; a point that took no part in the fit asks its nearest neighbours of its frame."""
+    flat = np.empty_like(labels)
+    flat[frames.order] = labels
+    out = []
+    for f, points in enumerate(sequence.points):
+        fitted = flat[frames.start[f] : frames.start[f + 1]]
+        label = np.empty(len(points), dtype=np.int64)
+        label[chosen[f]] = fitted
+        rest = np.setdiff1d(np.arange(len(points)), chosen[f])
+        if len(rest):
+            label[rest] = fitted[KDTree(points[chosen[f]]).query(points[rest], workers=-1)[1]]
+        out.append(label)
+    return tuple(out)
