@@ -101,7 +101,7 @@ def test_true_motions_give_the_true_centres_and_tree(figure):
     number = [int(labels[model.labels == p][0]) for p in range(len(PARENT))]
     expected = (transform(truth.poses[C, PARENT.clip(min=0)], centre) - frames.centre) / frames.unit
     np.testing.assert_allclose(tree.centre[number][1:], expected[1:], atol=1e-3)
-    assert cost < 0.1
+    assert cost < 0.5  # the gaps between the boxes
 
 
 def test_the_cost_of_a_ball_is_how_far_its_centre_slips(figure):

@@ -14,7 +14,7 @@ from rearticulate.errors import InputError
 from rearticulate.io.atomic import atomic_file
 from rearticulate.network.pointnet import CorrespondenceNet
 
-SHIPPED = Path(__file__).resolve().parents[1] / "data" / "correspondence.safetensors"
+SHIPPED = Path(__file__).resolve().parent / "correspondence.safetensors"
 
 
 def save_tensors(path: Path, tensors: dict[str, Tensor], facts: dict[str, Any]) -> None:
@@ -37,8 +37,8 @@ def load_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
 
 
 def save_network(path: Path, net: CorrespondenceNet, facts: dict[str, Any]) -> None:
-    """Write the weights of a network and how they came about."""
-    save_tensors(path, dict(net.named_parameters()), facts)
+    """Write the weights of a network, in half precision, and how they came about."""
+    save_tensors(path, {name: p.half() for name, p in net.named_parameters()}, facts)
 
 
 def load_network(path: Path = SHIPPED) -> CorrespondenceNet:
