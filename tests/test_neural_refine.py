@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 pytest.importorskip("torch", reason="needs rearticulate[paper]")
-pytest.importorskip("ot", reason="needs rearticulate[paper]")
 
 import torch
 

@@ -31,6 +31,8 @@ class TrackConfig:
     tear_end: float = 1.9
     tear_memory: float = 3.7  # an edge that was torn by more than this in another frame stays weak
     point_share: float = 0.3
+    bad_cost: float = 2.15  # spacings; a frame with a larger two-sided distance is tried again from other starts ...
+    unusual: float = 1.08  # ... and one with so many times the usual distance
 
 
 @dataclass(frozen=True)

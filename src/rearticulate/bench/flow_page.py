@@ -17,6 +17,8 @@ from rearticulate.fit.frames import make_frames
 from rearticulate.fit.track import track
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
+from rearticulate.network.correspond import match_sequence
+from rearticulate.network.inference import load_network
 from rearticulate.synth.perturb import stepped_pair
 
 Array = NDArray[np.floating]
@@ -47,9 +49,6 @@ def patch_tracking(a: Array, b: Array) -> SceneFlow:
 
 def network_matches() -> Follow:
     """Mutual matches of the shipped network."""
-    from rearticulate.network.correspond import match_sequence
-    from rearticulate.network.weights import load_network
-
     net = load_network()
 
     def follow(a: Array, b: Array) -> SceneFlow:

@@ -7,7 +7,9 @@ start of the robust scale gives the large capture range.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numba
 import numpy as np
@@ -16,6 +18,7 @@ from scipy.spatial import KDTree
 
 from rearticulate.config import TrackConfig
 from rearticulate.fit.frames import Frames
+from rearticulate.fit.guess import Guesses
 from rearticulate.fit.register import geman_mcclure, match, normal_equations
 from rearticulate.geometry.nearest import farthest_points, nearest, search_tree
 from rearticulate.geometry.se3 import exp_se3, inverse, rotate, transform
@@ -212,11 +215,15 @@ def _two_sided_cost(frames: Frames, patches: Patches, T: Array, f: int) -> float
 
 
 def _register_with_rescue(frames, patches, f, starts, edge_weight, usual_cost, config) -> tuple[Array, Array, float]:
-    """Start from starts[0]; when the result is unusually bad, also from the others and with twice the capture range."""
-    T, gap = register_patches(frames, patches, f, starts[0], edge_weight, config)
+    """Start from starts[0]; when the result is unusually bad, also from the others and with twice the capture range.
+
+    starts: functions that make them, for the later ones take time.
+    """
+    first = starts[0]()
+    T, gap = register_patches(frames, patches, f, first, edge_weight, config)
     cost = _two_sided_cost(frames, patches, T, f)
-    if usual_cost is not None and cost > 1.08 * usual_cost:
-        for start, reach in [(s, 1.0) for s in starts[1:]] + [(starts[0], 2.0)]:
+    if cost > min(config.bad_cost, config.unusual * usual_cost):
+        for start, reach in [(make(), 1.0) for make in starts[1:]] + [(first, 2.0)]:
             T_new, gap_new = register_patches(frames, patches, f, start, edge_weight, config, reach)
             cost_new = _two_sided_cost(frames, patches, T_new, f)
             if cost_new < cost:
@@ -232,14 +239,20 @@ def track(frames: Frames, canonical: int, config: TrackConfig, progress=lambda f
     T = np.tile(np.eye(4), (F, K, 1, 1))
     gaps = np.zeros((F, len(patches.edge_i)))
     costs: list[float] = []
+    guesses = Guesses(frames)
     first_step = None
     for direction in (1, -1):
         previous = T[canonical]
         velocity = None if first_step is None else inverse(first_step)
         for f in range(canonical + direction, F if direction > 0 else -1, direction):
-            starts = [previous] if velocity is None else [velocity @ previous, previous]
+            starts: list[Callable[[], Array]] = [lambda T=previous: T]
+            if velocity is not None:
+                starts.insert(0, lambda T=velocity @ previous: T)
+            if guesses.possible(f - direction, f):
+                points, patch = patches.points[patches.member], patches.patch
+                starts.append(partial(guesses.poses, previous, points, patch, f - direction, f))
             torn = geman_mcclure(gaps.max(axis=0), config.tear_memory) + 0.01
-            usual = float(np.median(costs)) if costs and velocity is not None else None
+            usual = float(np.median(costs)) if costs and velocity is not None else np.inf
             T[f], gaps[f], cost = _register_with_rescue(frames, patches, f, starts, torn, usual, config)
             costs.append(cost)
             velocity = T[f] @ inverse(previous)

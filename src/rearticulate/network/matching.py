@@ -1,4 +1,4 @@
-"""From features to matches: scaled softmax for training, mutual nearest neighbours with a ratio test for use."""
+"""What training asks of features: the cross-entropy of their matching scores (appendix A.1)."""
 
 from __future__ import annotations
 
@@ -19,14 +19,3 @@ def matching_loss(a: Tensor, b: Tensor, to_b: Tensor, rows: Tensor) -> Tensor:
     logits = scores(asked, b)
     total = torch.nn.functional.cross_entropy(logits.flatten(0, 1), truth.flatten(), ignore_index=-1, reduction="sum")
     return total / (truth >= 0).sum().clamp(min=1)
-
-
-def mutual_matches(a: Tensor, b: Tensor, ratio: float) -> tuple[Tensor, Tensor]:
-    """Rows (K,) of a (n, d) and (K,) of b (m, d) that are each other's nearest in feature space, where the distance is
-    at most `ratio` times the one to the second nearest."""
-    d = torch.cdist(a, b)
-    two, j = d.topk(2, dim=1, largest=False)
-    back = d.argmin(dim=0)
-    rows = torch.arange(len(a), device=a.device)
-    good = (back[j[:, 0]] == rows) & (two[:, 0] <= ratio * two[:, 1])
-    return rows[good], j[good, 0]

@@ -1,4 +1,4 @@
-"""The weights of the correspondence network, and of a training run: safetensors, never a pickle."""
+"""What a training run keeps: safetensors, never a pickle."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from torch import Tensor
 from rearticulate.errors import InputError
 from rearticulate.io.atomic import atomic_file
 from rearticulate.network.pointnet import CorrespondenceNet
-
-SHIPPED = Path(__file__).resolve().parent / "correspondence.safetensors"
 
 
 def save_tensors(path: Path, tensors: dict[str, Tensor], facts: dict[str, Any]) -> None:
@@ -39,14 +37,3 @@ def load_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
 def save_network(path: Path, net: CorrespondenceNet, facts: dict[str, Any]) -> None:
     """Write the weights of a network, in half precision, and how they came about."""
     save_tensors(path, {name: p.half() for name, p in net.named_parameters()}, facts)
-
-
-def load_network(path: Path = SHIPPED) -> CorrespondenceNet:
-    """The network with the weights of a file, the shipped ones by default, ready for use."""
-    tensors, _ = load_tensors(path)
-    net = CorrespondenceNet()
-    expected = {name: p.shape for name, p in net.named_parameters()}
-    if {name: t.shape for name, t in tensors.items()} != expected:
-        raise InputError(f"{path}: the weights of another network")
-    net.load_state_dict(tensors)
-    return net.eval()

@@ -9,13 +9,12 @@ from rearticulate.fit.flow import SceneFlow
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.track import track
 from rearticulate.geometry.se3 import transform
+from rearticulate.network.correspond import match_sequence
+from rearticulate.network.inference import load_network
 
 
 def network_flow(frames: Frames, ratio: float) -> tuple[SceneFlow, ...]:
     """Mutual matches of the shipped network between successive frames (supplement, "Flow Prediction Network")."""
-    from rearticulate.network.correspond import match_sequence
-    from rearticulate.network.weights import load_network
-
     clouds = [frames.points[frames.rows(f)] for f in range(frames.n_frames)]
     matches = match_sequence(load_network(), clouds, ratio)
     return tuple(SceneFlow(a[i], b[j] - a[i]) for (a, b), (i, j) in zip(pairwise(clouds), matches, strict=True))
