@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rearticulate.network.pyramid import ANCHORS, MIN_POINTS, NEIGHBOURS, RADII, build_pyramid, level_sizes, rms_radius
+from rearticulate.geometry.nearest import rms_radius
+from rearticulate.network.pyramid import ANCHORS, MIN_POINTS, NEIGHBOURS, RADII, build_pyramid, level_sizes
 from rearticulate.synth.objects import arm
 from rearticulate.synth.surfaces import sample
 

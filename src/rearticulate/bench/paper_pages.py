@@ -10,7 +10,7 @@ from rearticulate.bench import published
 from rearticulate.bench.cases import HOUSEHOLD, PAPER_TEST, PAPER_VALIDATION, Case
 from rearticulate.bench.markdown import head, seconds_cell, table
 from rearticulate.bench.published import SIX
-from rearticulate.bench.results_page import COLUMNS
+from rearticulate.bench.results_page import COLUMNS, number_cell
 from rearticulate.bench.runner import Answer, Job
 from rearticulate.bench.variants import energies
 
@@ -99,7 +99,7 @@ def household(stamp: dict[str, str], answers: Answers) -> str:
         for preset in COMPARED:
             have = [answers[key] for name in names if (key := f"{preset}/{name}") in answers]
             found = _mean(a["metrics"] for a in have) if len(have) == len(names) else {}
-            cells += [_number(found.get(key), key) for key in HOUSEHOLD_KEYS]
+            cells += [number_cell(found.get(key), key) for key in HOUSEHOLD_KEYS]
         rows.append(cells)
     heads = ["object", *(f"{preset}: {COLUMNS[key][0]}" for preset in COMPARED for key in HOUSEHOLD_KEYS)]
     theirs = [
@@ -152,7 +152,7 @@ def _mean(metrics: Iterable[dict[str, float]]) -> dict[str, float]:
 
 
 def _six(metrics: dict[str, float]) -> Row:
-    return [_number(metrics.get(key), key) for key in SIX]
+    return [number_cell(metrics.get(key), key) for key in SIX]
 
 
 def _parts(answer: Answer) -> str:
@@ -160,8 +160,4 @@ def _parts(answer: Answer) -> str:
 
 
 def _beside(ours: dict[str, float], theirs: Sequence[float]) -> Row:
-    return [f"{_number(ours.get(key), key)} ({value:.2f})" for key, value in zip(SIX, theirs, strict=False)]
-
-
-def _number(value: float | None, key: str) -> str:
-    return "-" if value is None else f"{value:.{COLUMNS[key][1]}f}"
+    return [f"{number_cell(ours.get(key), key)} ({value:.2f})" for key, value in zip(SIX, theirs, strict=False)]

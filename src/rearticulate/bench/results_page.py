@@ -74,7 +74,8 @@ def robots(answers: dict[str, Answer]) -> str:
     keys = [key for key in COLUMNS if key not in NOT_FOR_ROBOTS]
     rows = [_object_row(name, answers[name], keys) for name in ROBOTS if name in answers]
     rows += _mean_row("mean of the paper's 10 test robots", PAPER_TEST, answers, keys)
-    rows.append(["published, the paper's sequences", *(_number(PUBLISHED.get(key), key) for key in keys), *4 * ["-"]])
+    published = [number_cell(PUBLISHED.get(key), key) for key in keys]
+    rows.append(["published, the paper's sequences", *published, *4 * ["-"]])
     rows += _mean_row("mean of all 16 robots", ROBOTS, answers, keys)
     return table(["object", *(COLUMNS[key][0] for key in keys), "parts", "true", "s", "MB"], rows)
 
@@ -125,7 +126,7 @@ def _mean_row(label: str, names: tuple[str, ...], answers: dict[str, Answer], ke
     if not all(name in answers for name in names):
         return []
     found = means(names, answers, [*keys, "parts", "parts_true"])
-    cells = [_number(found.get(key), key) for key in keys]
+    cells = [number_cell(found.get(key), key) for key in keys]
     ends = [f"{found['parts']:.1f}", f"{found['parts_true']:.1f}"]
     time = seconds_cell(mean(answers[name]["seconds"] for name in names))
     return [[f"**{label}**", *cells, *ends, time, "-"]]
@@ -133,11 +134,11 @@ def _mean_row(label: str, names: tuple[str, ...], answers: dict[str, Answer], ke
 
 def _object_row(label: str, answer: Answer, keys: list[str]) -> list[str]:
     metrics = answer["metrics"]
-    cells = [_number(metrics.get(key), key) for key in keys]
+    cells = [number_cell(metrics.get(key), key) for key in keys]
     parts = [f"{metrics['parts']:.0f}", f"{metrics['parts_true']:.0f}"]
     memory = "-" if answer["peak_mb"] is None else f"{answer['peak_mb']:.0f}"
     return [label, *cells, *parts, seconds_cell(answer["seconds"]), memory]
 
 
-def _number(value: float | None, key: str) -> str:
+def number_cell(value: float | None, key: str) -> str:
     return "-" if value is None else f"{value:.{COLUMNS[key][1]}f}"

@@ -6,6 +6,7 @@ an object scaled to a given radius, so that its thresholds mean the same for eve
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from rearticulate.fit.chains import ChainFit, fit_prismatic, fit_revolute, rest_
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.relaxed import Relaxed, keep_parts
 from rearticulate.fit.tree import Link, Projection, assemble, spanning_tree
-from rearticulate.geometry.nearest import nearest, search_tree
+from rearticulate.geometry.nearest import nearest, rms_radius, search_tree
 from rearticulate.geometry.se3 import inverse, transform
 
 Array = NDArray[np.floating]
@@ -70,7 +71,7 @@ def centred(frames: Frames, canonical: int, model: Relaxed, radius: float) -> Pa
     rows = frames.rows(canonical)
     points = frames.points[rows]
     centre = points.mean(axis=0)
-    scale = radius / float(np.sqrt(((points - centre) ** 2).sum(axis=1).mean()))
+    scale = radius / rms_radius(points)
     T = model.T.copy()
     T[..., :3, 3] += T[..., :3, :3] @ centre - centre
     return Parts(T, points - centre, model.labels[rows], canonical, scale, centre)
@@ -113,25 +114,35 @@ def fit_screws(parts: Parts, a: IntArray, b: IntArray) -> ChainFit:
     )
 
 
+def least_tree(
+    parts: Parts, joint_cost: Callable[[IntArray, IntArray], Array], config: DeviationConfig, root: int
+) -> tuple[IntArray, IntArray, float]:
+    """The tree with the least sum of joint_cost(a, b) (B,) and E_spatial: parents (P,), the parts but the root, parents
+    first, and that sum."""
+    P = parts.T.shape[1]
+    a, b = np.tril_indices(P, -1)
+    cost = np.zeros((P, P))
+    if P > 1:
+        cost[a, b] = joint_cost(a, b)
+        cost = cost + cost.T + config.spatial * parts.gaps()
+    parent, order = spanning_tree(cost, root)
+    child = order[1:]
+    return parent, child, float(cost[child, parent[child]].sum())
+
+
 def project_deviation(
     frames: Frames, canonical: int, model: Relaxed, config: DeviationConfig, root: int
 ) -> tuple[Projection, float]:
     """The tree with the least E_project = E_spatial + E_1-DOF (paper eq. 11), and that cost."""
     parts = centred(frames, canonical, model, config.radius)
     P = model.n_parts
-    a, b = np.tril_indices(P, -1)
-    cost = np.zeros((P, P))
-    if P > 1:
-        cost[a, b] = config.one_dof * fit_screws(parts, a, b).cost
-        cost = cost + cost.T + config.spatial * parts.gaps()
-    parent, order = spanning_tree(cost, root)
-    child = order[1:]
+    parent, child, cost = least_tree(parts, lambda a, b: config.one_dof * fit_screws(parts, a, b).cost, config, root)
     links = []
     if P > 1:
         screws = fit_screws(parts, child, parent[child])
         links = [_link(int(c), int(parent[c]), screws.take(i), parts.centre) for i, c in enumerate(child)]
     tree, number = assemble(links, model.T[:, root], root, P)
-    return Projection(tree, (number[model.labels],), number[P:]), float(cost[child, parent[child]].sum())
+    return Projection(tree, (number[model.labels],), number[P:]), cost
 
 
 def _link(child: int, parent: int, screw: ChainFit, centre: Array) -> Link:

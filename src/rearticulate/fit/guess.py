@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from rearticulate.fit.flow import SceneFlow
 from rearticulate.fit.frames import Frames
+from rearticulate.geometry.nearest import rms_radius
 from rearticulate.geometry.se3 import transform
 from rearticulate.network.correspond import mutual_matches, point_features
 from rearticulate.network.inference import Network, load_network
-from rearticulate.network.pyramid import MIN_POINTS, rms_radius
+from rearticulate.network.pyramid import MIN_POINTS
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]

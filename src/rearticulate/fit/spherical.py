@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.config import DeviationConfig
-from rearticulate.fit.deviation import Parts, centred
+from rearticulate.fit.deviation import Parts, centred, least_tree
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.relaxed import Relaxed, register_to_fused
-from rearticulate.fit.tree import number_parts, spanning_tree
+from rearticulate.fit.tree import number_parts
 from rearticulate.geometry.kinematics import chain
 from rearticulate.geometry.se3 import exp_se3, log_so3
 from rearticulate.records import JointDiagnostics
@@ -81,13 +81,7 @@ def project_balls(
     """The tree of ball joints with the least E_spatial + E_3-DOF, the labels (M,) in its numbers, and that cost."""
     parts = centred(frames, canonical, model, config.radius)
     P = model.n_parts
-    a, b = np.tril_indices(P, -1)
-    cost = np.zeros((P, P))
-    if P > 1:
-        cost[a, b] = parts.deviation(fit_balls(parts, a, b).cost)
-        cost = cost + cost.T + config.spatial * parts.gaps()
-    parent, order = spanning_tree(cost, root)
-    child = order[1:]
+    parent, child, cost = least_tree(parts, lambda a, b: parts.deviation(fit_balls(parts, a, b).cost), config, root)
     number, new_parent = number_parts({int(c): int(parent[c]) for c in child}, root, P)
     centre, turn = np.zeros((P, 3)), np.zeros((len(model.T), P, 3))
     if P > 1:
@@ -95,7 +89,7 @@ def project_balls(
         centre[number[child]] = balls.centre + parts.centre
         turn[:, number[child]] = np.swapaxes(balls.turn, 0, 1)
     tree = BallTree(new_parent, centre, turn, model.T[:, root].copy())
-    return tree, number[model.labels], float(cost[child, parent[child]].sum())
+    return tree, number[model.labels], cost
 
 
 def diagnose_balls(frames: Frames, canonical: int, tree: BallTree, labels: IntArray) -> list[JointDiagnostics]:

@@ -31,6 +31,11 @@ def contact(a: Array, b: Array, pairs: int) -> Array:
     return (a[near] + b[j[near]]).mean(axis=0) / 2
 
 
+def rms_radius(points: Array) -> float:
+    """Root mean square distance of points (N, 3) from their centroid."""
+    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
 @numba.njit(cache=True, nogil=True)
 def _farthest(points, first, count):
     chosen = np.empty(count, dtype=np.int64)

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.errors import InputError
+from rearticulate.geometry.nearest import rms_radius
 from rearticulate.network.inference import Network
-from rearticulate.network.pyramid import MIN_POINTS, build_pyramid, rms_radius
+from rearticulate.network.pyramid import MIN_POINTS, build_pyramid
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]

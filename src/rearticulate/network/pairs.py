@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.geometry.nearest import nearest, search_tree
+from rearticulate.geometry.nearest import nearest, rms_radius, search_tree
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.synth.articulated import ArticulatedObject
-from rearticulate.synth.surfaces import sample
+from rearticulate.synth.surfaces import sample_parts
 from rearticulate.synth.trajectories import finite_limits, random_directions, start_posture, sweep
 from rearticulate.synth.visibility import visible_points
 
@@ -64,9 +64,7 @@ class Pair:
 
 def make_subject(thing: ArticulatedObject, rng: np.random.Generator) -> Subject:
     """Draw the stock of surface points, uniformly over the area."""
-    points, triangle = sample(np.concatenate(thing.surfaces), POOL, rng)
-    part = np.repeat(np.arange(thing.n_parts), [len(s) for s in thing.surfaces])
-    return Subject(thing, points, part[triangle])
+    return Subject(thing, *sample_parts(thing.surfaces, POOL, rng))
 
 
 def make_pair(subject: Subject, n: int, config: PairConfig, rng: np.random.Generator) -> Pair:
@@ -84,7 +82,7 @@ def make_pair(subject: Subject, n: int, config: PairConfig, rng: np.random.Gener
     else:
         rows_a, rows_b = (_seen(subject, h, T, n, camera) for h, T in zip(halves, (T_a, T_b), strict=True))
     clean_a, clean_b = _placed(subject, rows_a, T_a), _placed(subject, rows_b, T_b)
-    scale = float(np.sqrt(((clean_a - clean_a.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    scale = rms_radius(clean_a)
     sigma = scale * rng.uniform(*config.noise) if rng.random() < config.noisy else 0.0
     return Pair(
         a=clean_a + sigma * rng.normal(size=clean_a.shape),

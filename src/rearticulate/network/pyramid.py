@@ -45,11 +45,6 @@ def level_sizes(n: int) -> list[int]:
     return [n // THINNING**level for level in range(len(RADII) + 1)]
 
 
-def rms_radius(points: Array) -> float:
-    """Root mean square distance of points (N, 3) from their centroid."""
-    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
-
-
 def build_pyramid(points: Array, scale: float) -> Pyramid:
     """The pyramid of a cloud (N, 3) of at least `MIN_POINTS` points, in units of `scale`.
 

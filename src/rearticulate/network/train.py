@@ -110,7 +110,7 @@ def example_loss(net: Callable[[Batch], Tensor], example: Example, device: torch
 
 
 class Run:
-    """One training run in a folder: `checkpoint.safetensors` to go on from, `history.json` inside it."""
+    """One training run in a folder: `checkpoint.safetensors` holds all that is needed to go on, its history too."""
 
     def __init__(self, config: TrainConfig, folder: Path, device: torch.device, resume: bool) -> None:
         self.config, self.folder, self.device = config, folder, device

@@ -193,8 +193,7 @@ def _scan(
 
 def _sampled(parts: Sequence[Array], T: Array, n: int, rng: np.random.Generator) -> tuple[Array, IntArray]:
     """Points (n, 3) on the surfaces of the parts at poses T (P, 4, 4), and the part of each (n,)."""
-    cloud, index = surfaces.sample(np.concatenate([surfaces.moved(T[p], s) for p, s in enumerate(parts)]), n, rng)
-    return cloud, np.repeat(np.arange(len(parts)), [len(s) for s in parts])[index]
+    return surfaces.sample_parts([surfaces.moved(T[p], s) for p, s in enumerate(parts)], n, rng)
 
 
 def _truth(thing: ArticulatedObject, q: Array, labels, T_world_part: Array, T_world_novel: Array) -> GroundTruth:

@@ -50,6 +50,12 @@ def areas(triangles: Array) -> Array:
     return 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=-1)
 
 
+def sample_parts(parts: Sequence[Array], n: int, rng: np.random.Generator) -> tuple[Array, IntArray]:
+    """n points spread uniformly over the area of all parts (T_p, 3, 3): points (n, 3) and the part of each (n,)."""
+    points, index = sample(np.concatenate(parts), n, rng)
+    return points, np.repeat(np.arange(len(parts)), [len(s) for s in parts])[index]
+
+
 def sample(triangles: Array, n: int, rng: np.random.Generator) -> tuple[Array, IntArray]:
     """n points spread uniformly over the area of triangles (T, 3, 3): points (n, 3) and their triangle (n,)."""
     cumulative = np.cumsum(areas(triangles))

@@ -17,7 +17,7 @@ from rearticulate.fit.flow import SceneFlow
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.neural.field import cosine
 from rearticulate.fit.neural.poses import from_matrices, move, rotations, to_matrices
-from rearticulate.fit.neural.relax import Scene, chamfer_term, emd_term, flow_term, make_scene
+from rearticulate.fit.neural.relax import Scene, chamfer_term, emd_term, flow_term, make_scene, total
 from rearticulate.fit.spherical import BallTree
 from rearticulate.geometry.se3 import exp_se3, log_so3
 
@@ -165,13 +165,12 @@ def descend(model: Tree, scene: Scene, config: NeuralConfig, progress: Callable[
     """The iterations of the final fit."""
     exact = replace(config, emd_thinning=config.final_thinning, emd_every=config.final_every)
     weighted = ((config.chamfer, chamfer_term), (config.emd, emd_term), (config.flow, flow_term))
-    terms = [make(scene, exact) for weight, make in weighted if weight]
+    energy = total(*(make(scene, exact) for weight, make in weighted if weight))
     optimiser = torch.optim.Adam(model.parameters(), foreach=True)
     for i in range(config.final_iterations):
         progress("refine", i / config.final_iterations)
         for group in optimiser.param_groups:
             group["lr"] = cosine(config.final_rate, config.final_rate_end, i / config.final_iterations)
         optimiser.zero_grad()
-        x = model()
-        torch.stack([term(x) for term in terms]).sum().backward()
+        energy(model()).backward()
         optimiser.step()

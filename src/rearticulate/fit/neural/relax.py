@@ -24,6 +24,7 @@ from rearticulate.fit.neural.energies import assignment_energy, chamfer_energy, 
 from rearticulate.fit.neural.field import PartField, PointChoices, cosine, draw_parts, fit_labels
 from rearticulate.fit.neural.poses import IDENTITY, from_matrices, move, to_matrices
 from rearticulate.fit.relaxed import Relaxed, keep_parts, spread_labels
+from rearticulate.geometry.nearest import rms_radius
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -69,7 +70,7 @@ def make_scene(frames: Frames, canonical: int, flow: Sequence[SceneFlow], radius
     """Scale the canonical points to an rms distance `radius` from their centroid."""
     points = frames.points[frames.rows(canonical)]
     centre = points.mean(axis=0)
-    scale = radius / float(np.sqrt(((points - centre) ** 2).sum(axis=1).mean()))
+    scale = radius / rms_radius(points)
     return Scene(
         points=(scale * (frames.points - centre)).astype(np.float32),
         start=frames.start,
