@@ -9,6 +9,7 @@ import pytest
 
 from oracle import perfect_fit
 from rearticulate.bench.cases import ALL, PERTURBATIONS, Case, find_case
+from rearticulate.bench.flow_page import fits
 from rearticulate.bench.gate import is_worse, regressions
 from rearticulate.bench.markdown import table
 from rearticulate.bench.pages import PAGES, find_page
@@ -92,7 +93,7 @@ def answers_of(names, variants):
 
 
 def test_every_page_shows_what_there_is():
-    for page in (p for name, p in PAGES.items() if name != "flow"):
+    for page in (p for name, p in PAGES.items() if name != "flow"):  # that one measures
         text = page.render({"seed": "0"}, {})
         assert text.startswith("# ")
         assert "published" in text.lower()
@@ -141,3 +142,10 @@ def test_finished_jobs_are_not_run_again(tmp_path):
     assert runner.run([job]) == {"direct/nao": some_answer()}
     assert Runner(tmp_path, seed=1).path(job) != runner.path(job)
     assert Runner(tmp_path, quick=True).path(Job(Case("nao"), "paper")) != runner.path(Job(Case("nao"), "paper"))
+
+
+def test_fits_with_and_without_the_network_stand_side_by_side():
+    answers = {job.name: some_answer(0.1 if job.variant == "direct" else 0.3) for job in PAGES["flow"].jobs}
+    table = fits(answers)[1]
+    assert "| **mean** | direct | 0.100" in table
+    assert "| nao | without network | 0.300" in table

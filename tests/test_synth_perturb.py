@@ -22,7 +22,7 @@ PERTURBATIONS = {
     "one_sided_half": lambda s, t: perturb.drop_one_sided_half(s, t, 2),
     "one_sided": perturb.one_sided,
     "moving_root": perturb.moving_root,
-    "every_second": perturb.every_second_frame,
+    "every_second": lambda s, t: perturb.every_nth_frame(s, t, 2),
     "reordered": lambda s, t: perturb.select_frames(s, t, [3, 1, 4]),
     "slow": lambda s, t: perturb.interpolate(s, t, 13),
 }
@@ -115,7 +115,11 @@ def test_the_first_selected_frame_is_the_new_frame_zero():
 @pytest.mark.parametrize("name", ["roboart/nao", "roboart/reachy", "household/cabinet"])
 def test_real_sequences(name, data_folder):
     sequence, truth = read_pair(data_folder / f"{name}.npz")
-    for change in (perturb.every_second_frame, lambda s, t: perturb.interpolate(s, t, 9), perturb.moving_root):
+    for change in (
+        lambda s, t: perturb.every_nth_frame(s, t, 2),
+        lambda s, t: perturb.interpolate(s, t, 9),
+        perturb.moving_root,
+    ):
         changed, known = change(sequence, truth)
         spacing = np.median(cKDTree(changed.points[0]).query(changed.points[0], k=2)[0][:, 1])
         assert misfit(changed, known, 0, len(changed) - 1) < 1.5 * spacing

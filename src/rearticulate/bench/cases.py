@@ -39,7 +39,8 @@ PERTURBATIONS: dict[str, Callable[[PointSequence, GroundTruth], Recording]] = {
     "one_side_of_one_frame": lambda s, t: perturb.drop_one_sided_half(s, t, len(s) // 2),
     "one_side_of_all_frames": perturb.one_sided,
     "moving_root": perturb.moving_root,
-    "every_second_frame": perturb.every_second_frame,
+    "every_second_frame": lambda s, t: perturb.every_nth_frame(s, t, 2),
+    "every_third_frame": lambda s, t: perturb.every_nth_frame(s, t, 3),
     "frames_30": lambda s, t: perturb.interpolate(s, t, 30),
 }
 
@@ -76,7 +77,7 @@ ALL = list(dict.fromkeys(case for cases in SETS.values() for case in cases))
 
 def find_case(name: str) -> Case:
     """The case of a name such as `nao` or `nao/noise_1mm`."""
-    return next(case for case in ALL if case.name == name)
+    return Case(*name.split("/"))
 
 
 def data_folder() -> Path:

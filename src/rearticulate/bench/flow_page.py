@@ -1,8 +1,9 @@
-"""The page of the correspondence network: its matches and flow against nearest neighbours and the patch tracking."""
+"""The page of the correspondence network: its flow against others, and what it is worth to the tracking."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from statistics import mean
 
 import numpy as np
@@ -10,8 +11,11 @@ from numpy.typing import NDArray
 
 from rearticulate.bench.cases import PAPER_TEST, PAPER_VALIDATION, Case, data_folder
 from rearticulate.bench.markdown import head, table
-from rearticulate.bench.runner import Answer
-from rearticulate.config import FitConfig
+from rearticulate.bench.published import SIX
+from rearticulate.bench.results_page import COLUMNS, number_cell
+from rearticulate.bench.runner import Answer, Job
+from rearticulate.bench.variants import VARIANTS
+from rearticulate.config import TrackConfig
 from rearticulate.fit.flow import SceneFlow
 from rearticulate.fit.frames import make_frames
 from rearticulate.fit.track import track
@@ -29,6 +33,9 @@ STEPS_DEG = (5, 10, 20, 30)
 FRAMES = (2, 7)  # each robot steps from these
 POINTS = 4096
 WITHIN = (0.01, 0.02, 0.05)  # of the object's diagonal
+FAR = "every_third_frame"
+COMPARED = ("direct", "without network")
+JOBS = [Job(Case(name, FAR), preset) for name in ROBOTS for preset in COMPARED]
 
 
 def spatial_neighbours(a: Array, b: Array) -> SceneFlow:
@@ -38,10 +45,10 @@ def spatial_neighbours(a: Array, b: Array) -> SceneFlow:
     return SceneFlow(a[rows], b[forth[rows]] - a[rows])
 
 
-def patch_tracking(a: Array, b: Array) -> SceneFlow:
+def patch_tracking(config: TrackConfig, a: Array, b: Array) -> SceneFlow:
     """The direct solver's tracking from the first cloud to the second."""
     frames = make_frames([a, b])
-    tracks = track(frames, 0, FitConfig().track, lambda done: None)
+    tracks = track(frames, 0, config)
     x = frames.points[frames.rows(0)]
     moved = transform(tracks.T[1, tracks.patches.owner], x)
     return SceneFlow(x * frames.unit + frames.centre, (moved - x) * frames.unit)
@@ -76,9 +83,14 @@ def measure(follow: Follow, name: str, step_deg: float) -> dict[str, float]:
     return _mean(found)
 
 
-def report(stamp: dict[str, str], answers: dict[str, Answer]) -> str:
-    """The whole page; everything is measured here."""
-    followers = {"nearest": spatial_neighbours, "tracking": patch_tracking, "network": network_matches()}
+def pairs() -> list[str]:
+    """Text and tables of single steps; everything is measured here."""
+    followers: dict[str, Follow] = {
+        "nearest neighbours": spatial_neighbours,
+        "network": network_matches(),
+        "tracking without network": partial(patch_tracking, VARIANTS["without network"].track),
+        "tracking": partial(patch_tracking, VARIANTS["direct"].track),
+    }
     found = {
         (name, step, label): measure(follow, name, step)
         for name in ROBOTS
@@ -103,7 +115,29 @@ def report(stamp: dict[str, str], answers: dict[str, Answer]) -> str:
         "of the object's diagonal. Within: share of the matches that end as near to the truth. Coverage: share of the "
         "points that are matched."
     )
-    return "\n\n".join([head("Correspondences", stamp), text, table(heads, means), table(heads, rows)]) + "\n"
+    return [text, table(heads, means), table(heads, rows)]
+
+
+def fits(answers: dict[str, Answer]) -> list[str]:
+    """Text and table of whole fits to frames that lie far apart, with the network's start and without it."""
+    groups = [(name, (name,)) for name in ROBOTS] + [("**mean**", ROBOTS)]
+    rows = []
+    for label, names in groups:
+        for preset in COMPARED:
+            have = [answers[key]["metrics"] for name in names if (key := f"{preset}/{name}/{FAR}") in answers]
+            found = _mean(have) if len(have) == len(names) else {}
+            rows.append([label, preset, *(number_cell(found.get(key), key) for key in SIX)])
+    text = (
+        "Whole fits of the default to every third frame. The network's matches are one more start of the tracking "
+        "where a frame fits badly; *without network* leaves them out."
+    )
+    return [text, table(["robot", "", *(COLUMNS[key][0] for key in SIX)], rows)]
+
+
+def report(stamp: dict[str, str], answers: dict[str, Answer]) -> str:
+    """The whole page."""
+    sections = ["## Single steps", *pairs(), "## Frames far apart", *fits(answers)]
+    return "\n\n".join([head("Correspondences", stamp), *sections]) + "\n"
 
 
 def _mean(found: list[dict[str, float]]) -> dict[str, float]:

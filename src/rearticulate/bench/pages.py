@@ -25,7 +25,7 @@ PAGES = {
     "designs": Page(paper_pages.DESIGN_JOBS, paper_pages.design_ablation),
     "household": Page(paper_pages.HOUSEHOLD_JOBS, paper_pages.household),
     "time": Page([*paper_pages.ROBOT_JOBS, *paper_pages.HOUSEHOLD_JOBS], paper_pages.run_time),
-    "flow": Page([], flow_page.report),
+    "flow": Page(flow_page.JOBS, flow_page.report),
 }
 
 

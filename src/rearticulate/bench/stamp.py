@@ -28,6 +28,7 @@ _CODE = (
     "results.py",
     "synth",
 )
+_KINDS = (".py", ".safetensors")
 
 
 def config_hash(config: FitConfig) -> str:
@@ -35,9 +36,9 @@ def config_hash(config: FitConfig) -> str:
 
 
 def code_hash() -> str:
-    """Of all source files that can change a result."""
+    """Of all files that can change a result."""
     kept = [PACKAGE / name for name in _CODE]
-    files = sorted(path for top in kept for path in (top, *top.rglob("*.py")) if path.is_file())
+    files = sorted(path for top in kept for path in (top, *top.rglob("*")) if path.suffix in _KINDS)
     return _digest(*(part for path in files for part in (str(path.relative_to(PACKAGE)).encode(), path.read_bytes())))
 
 

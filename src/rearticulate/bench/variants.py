@@ -34,6 +34,7 @@ VARIANTS: dict[str, FitConfig] = {
         for used in product((True, False), repeat=3)
         if any(used)
     },
+    "without network": replace(FitConfig(), track=replace(FitConfig().track, network=False)),
     "without field": _paper({"field": False}),
     "without Gumbel": _paper({"gumbel": False}),
     "without canonical choice": _paper(canonical_tries=1),

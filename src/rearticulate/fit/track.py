@@ -248,7 +248,7 @@ def track(frames: Frames, canonical: int, config: TrackConfig, progress=lambda f
             starts: list[Callable[[], Array]] = [lambda T=previous: T]
             if velocity is not None:
                 starts.insert(0, lambda T=velocity @ previous: T)
-            if guesses.possible(f - direction, f):
+            if config.network and guesses.possible(f - direction, f):
                 points, patch = patches.points[patches.member], patches.patch
                 starts.append(partial(guesses.poses, previous, points, patch, f - direction, f))
             torn = geman_mcclure(gaps.max(axis=0), config.tear_memory) + 0.01

@@ -109,9 +109,9 @@ def select_frames(sequence: PointSequence, truth: GroundTruth, frames: Sequence[
     return PointSequence.from_arrays([sequence.points[f] for f in rows]), selected
 
 
-def every_second_frame(sequence: PointSequence, truth: GroundTruth) -> Recording:
-    """Frames 0, 2, 4, ...: motion twice as fast."""
-    return select_frames(sequence, truth, range(0, len(sequence), 2))
+def every_nth_frame(sequence: PointSequence, truth: GroundTruth, n: int) -> Recording:
+    """Frames 0, n, 2n, ...: motion n times as fast."""
+    return select_frames(sequence, truth, range(0, len(sequence), n))
 
 
 def interpolate(sequence: PointSequence, truth: GroundTruth, frames: int, *, seed: int = 0) -> Recording:
