@@ -9,7 +9,18 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.linalg import expm
 
-from rearticulate.geometry.se3 import adjoint, exp_se3, hat, inverse, log_se3, log_so3, rotate, transform
+from rearticulate.geometry.se3 import (
+    adjoint,
+    exp_se3,
+    from_unit,
+    hat,
+    inverse,
+    log_se3,
+    log_so3,
+    rotate,
+    to_unit,
+    transform,
+)
 
 small = st.floats(-3, 3, allow_nan=False, width=32)
 twists = arrays(np.float64, 6, elements=small)
@@ -88,3 +99,12 @@ def test_pure_slide_and_half_turn_are_not_confused():
     turn = exp_se3(np.array([0, 0, np.pi, 0, 0, 0]))
     np.testing.assert_allclose(slide[:3, 3], [0.3, 0, 0])
     np.testing.assert_allclose(turn, np.diag([-1.0, -1, 1, 1]), atol=1e-15)
+
+
+@given(twists, st.floats(0.01, 100), arrays(np.float64, 3, elements=small))
+def test_a_motion_in_another_unit_moves_the_same_points(twist, unit, centre):
+    T, x = exp_se3(twist), np.random.default_rng(0).normal(size=(5, 3))
+    other = to_unit(T, unit, centre)
+    moved = transform(other, (x - centre) / unit)
+    np.testing.assert_allclose(unit * moved + centre, transform(T, x), atol=1e-9)
+    np.testing.assert_allclose(from_unit(other, unit, centre), T, atol=1e-9)

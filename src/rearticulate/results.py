@@ -15,6 +15,7 @@ from rearticulate.fit.energy import frame_residual
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.relaxed import Relaxed
 from rearticulate.fit.spherical import BallTree, diagnose_balls
+from rearticulate.geometry.se3 import from_unit
 from rearticulate.records import (
     FitResult,
     JointDiagnostics,
@@ -66,7 +67,7 @@ def to_result(
     )
     return FitResult(
         model=model,
-        motion=Motion(joints.q, in_metres(frames, tree.T_root)),
+        motion=Motion(joints.q, from_unit(tree.T_root, frames.unit, frames.centre)),
         labels=labels,
         joints=tuple(joints.diagnostics),
         energy=best.energy,
@@ -116,13 +117,6 @@ def ball_joints(frames: Frames, best: Candidate, tree: BallTree) -> Joints:
     return Joints(tuple(kinds), np.zeros((P, 3)), origin, limits, q, diagnostics)
 
 
-def in_metres(frames: Frames, T: Array) -> Array:
-    """Motions (..., 4, 4) of the frames' units about the origin of the input."""
-    out = T.copy()
-    out[..., :3, 3] = frames.unit * T[..., :3, 3] + frames.centre - T[..., :3, :3] @ frames.centre
-    return out
-
-
 def relaxed_model(
     sequence: PointSequence, chosen: list[IntArray], frames: Frames, best: Candidate
 ) -> RelaxedModel | None:
@@ -130,7 +124,7 @@ def relaxed_model(
     if len(best.relaxed.T) != frames.n_frames:
         return None
     labels = all_labels(sequence, chosen, frames, best.relaxed.labels)[best.canonical]
-    return RelaxedModel(sequence.points[best.canonical], labels, in_metres(frames, best.relaxed.T))
+    return RelaxedModel(sequence.points[best.canonical], labels, from_unit(best.relaxed.T, frames.unit, frames.centre))
 
 
 def all_labels(

@@ -15,14 +15,13 @@ from rearticulate.bench.published import SIX
 from rearticulate.bench.results_page import COLUMNS, number_cell
 from rearticulate.bench.runner import Answer, Job
 from rearticulate.bench.variants import VARIANTS
-from rearticulate.config import TrackConfig
+from rearticulate.config import NeuralConfig, TrackConfig
 from rearticulate.fit.flow import SceneFlow
 from rearticulate.fit.frames import make_frames
+from rearticulate.fit.neural.observe import network_flow
 from rearticulate.fit.track import track
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
-from rearticulate.network.correspond import match_sequence
-from rearticulate.network.inference import load_network
 from rearticulate.synth.perturb import stepped_pair
 
 Array = NDArray[np.floating]
@@ -54,15 +53,11 @@ def patch_tracking(config: TrackConfig, a: Array, b: Array) -> SceneFlow:
     return SceneFlow(x * frames.unit + frames.centre, (moved - x) * frames.unit)
 
 
-def network_matches() -> Follow:
-    """Mutual matches of the shipped network."""
-    net = load_network()
-
-    def follow(a: Array, b: Array) -> SceneFlow:
-        i, j = match_sequence(net, [a, b])[0]
-        return SceneFlow(a[i], b[j] - a[i])
-
-    return follow
+def network_matches(config: NeuralConfig, a: Array, b: Array) -> SceneFlow:
+    """Matches of the shipped network."""
+    frames = make_frames([a, b])
+    flow = network_flow(frames, config)[0]
+    return SceneFlow(flow.anchors * frames.unit + frames.centre, flow.vectors * frames.unit)
 
 
 def errors(follow: Follow, a: Array, b: Array, truth: Array) -> dict[str, float]:
@@ -87,7 +82,8 @@ def pairs() -> list[str]:
     """Text and tables of single steps; everything is measured here."""
     followers: dict[str, Follow] = {
         "nearest neighbours": spatial_neighbours,
-        "network": network_matches(),
+        "network": partial(network_matches, NeuralConfig(guided=False)),
+        "network, guided": partial(network_matches, NeuralConfig()),
         "tracking without network": partial(patch_tracking, VARIANTS["without network"].track),
         "tracking": partial(patch_tracking, VARIANTS["direct"].track),
     }

@@ -18,7 +18,7 @@ from rearticulate.fit.frames import Frames
 from rearticulate.fit.relaxed import Relaxed, keep_parts
 from rearticulate.fit.tree import Link, Projection, assemble, spanning_tree
 from rearticulate.geometry.nearest import nearest, rms_radius, search_tree
-from rearticulate.geometry.se3 import inverse, transform
+from rearticulate.geometry.se3 import inverse, to_unit, transform
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -72,9 +72,7 @@ def centred(frames: Frames, canonical: int, model: Relaxed, radius: float) -> Pa
     points = frames.points[rows]
     centre = points.mean(axis=0)
     scale = radius / rms_radius(points)
-    T = model.T.copy()
-    T[..., :3, 3] += T[..., :3, :3] @ centre - centre
-    return Parts(T, points - centre, model.labels[rows], canonical, scale, centre)
+    return Parts(to_unit(model.T, 1.0, centre), points - centre, model.labels[rows], canonical, scale, centre)
 
 
 def merge_still(frames: Frames, canonical: int, model: Relaxed, config: DeviationConfig) -> Relaxed:

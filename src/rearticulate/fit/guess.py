@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from rearticulate.fit.flow import SceneFlow
 from rearticulate.fit.frames import Frames
+from rearticulate.fit.guided import matched_flow
+from rearticulate.fit.kabsch import robust_kabsch
 from rearticulate.geometry.nearest import rms_radius
 from rearticulate.geometry.se3 import transform
-from rearticulate.network.correspond import mutual_matches, point_features
+from rearticulate.network.correspond import point_features
 from rearticulate.network.inference import Network, load_network
 from rearticulate.network.pyramid import MIN_POINTS
 
@@ -19,7 +21,6 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 ANCHORS = 8  # matches that a point's motion is interpolated from
-ROUNDS = 4  # of the robust fit
 OUTLIER = 6.0  # spacings; robust scale of a point against the rigid motion of its patch
 
 
@@ -49,33 +50,11 @@ class Guesses:
             if f not in self._features:
                 cloud = self._frames.points[self._frames.rows(f)]
                 self._features[f] = point_features(self._network, cloud, self._scale)
-        i, j = mutual_matches(self._features[a], self._features[b], ratio=1.0)
         x, y = (self._frames.points[self._frames.rows(f)] for f in (a, b))
-        return SceneFlow(x[i], y[j] - x[i])
+        return matched_flow(x, y, (self._features[a], self._features[b]), ratio=1.0)
 
     def poses(self, T: Array, points: Array, patch: IntArray, a: int, b: int) -> Array:
         """Patch poses (K, 4, 4) in frame b from those in frame a; points (m, 3) of patches (m,), canonical."""
         here = transform(T[patch], points)
         flow, _ = self.flow(a, b).interpolate(here, ANCHORS)
-        return robust_kabsch(here, here + flow, patch, len(T)) @ T
-
-
-def robust_kabsch(source: Array, target: Array, group: IntArray, count: int) -> Array:
-    """(count, 4, 4) the motion of each group (n,) of points that brings source (n, 3) to target (n, 3), outliers aside.
-
-    Iteratively reweighted (Geman-McClure) least squares, in closed form each (Kabsch 1976).
-    """
-    weight, T = np.ones(len(source)), np.tile(np.eye(4), (count, 1, 1))
-    for _ in range(ROUNDS):
-        total = np.bincount(group, weight, count)[:, None]
-        a, b = (np.stack([np.bincount(group, weight * x, count) for x in z.T], 1) / total for z in (source, target))
-        spread = weight[:, None, None] * (target - b[group])[:, :, None] * (source - a[group])[:, None]
-        moment = np.zeros((count, 3, 3))
-        np.add.at(moment, group, spread)
-        U, _, Vt = np.linalg.svd(moment + 1e-3 * np.eye(3))
-        U[:, :, 2] *= np.sign(np.linalg.det(U @ Vt))[:, None]
-        T[:, :3, :3] = U @ Vt
-        T[:, :3, 3] = b - np.einsum("kij,kj->ki", T[:, :3, :3], a)
-        error = ((transform(T[group], source) - target) ** 2).sum(axis=1)
-        weight = 1.0 / (1.0 + error / OUTLIER**2) ** 2
-    return T
+        return robust_kabsch(here, here + flow, patch, len(T), OUTLIER) @ T

@@ -91,6 +91,20 @@ def inverse(T: Array) -> Array:
     return out
 
 
+def from_unit(T: Array, unit: float, centre: Array) -> Array:
+    """Motions (..., 4, 4) of coordinates (x - centre) / unit, as motions of x."""
+    out = T.copy()
+    out[..., :3, 3] = unit * T[..., :3, 3] + centre - T[..., :3, :3] @ centre
+    return out
+
+
+def to_unit(T: Array, unit: float, centre: Array) -> Array:
+    """Motions (..., 4, 4) of x, as motions of coordinates (x - centre) / unit."""
+    out = T.copy()
+    out[..., :3, 3] = (T[..., :3, 3] + T[..., :3, :3] @ centre - centre) / unit
+    return out
+
+
 def adjoint(T: Array) -> Array:
     """(..., 4, 4) -> (..., 6, 6): T exp(xi) inv(T) = exp(adjoint(T) xi), order (omega, v)."""
     R = T[..., :3, :3]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +26,11 @@ def point_features(net: Network, cloud: Array, scale: float) -> Array:
     return net.features(pyramid)[np.argsort(pyramid.order)]
 
 
+def scores(a: Array, b: Array) -> Array:
+    """(n, m) matching scores of features (n, d) and (m, d): what the softmax of training takes (appendix A.1)."""
+    return a @ b.T / np.float32(np.sqrt(a.shape[1]))
+
+
 def mutual_matches(a: Array, b: Array, ratio: float) -> tuple[IntArray, IntArray]:
     """Rows (K,) of a (n, d) and (K,) of b (m, d) that are each other's nearest in feature space, where the distance is
     at most `ratio` times the one to the second nearest."""
@@ -40,8 +44,7 @@ def mutual_matches(a: Array, b: Array, ratio: float) -> tuple[IntArray, IntArray
     return rows[good], best[good]
 
 
-def match_sequence(net: Network, clouds: Sequence[Array], ratio: float = RATIO) -> list[tuple[IntArray, IntArray]]:
-    """For every two successive clouds the rows (K,) of the first and (K,) of the second that correspond."""
+def sequence_features(net: Network, clouds: Sequence[Array]) -> list[Array]:
+    """`point_features` of every cloud, all in units of their mean rms radius."""
     scale = float(np.mean([rms_radius(cloud) for cloud in clouds]))
-    features = [point_features(net, cloud, scale) for cloud in clouds]
-    return [mutual_matches(a, b, ratio) for a, b in pairwise(features)]
+    return [point_features(net, cloud, scale) for cloud in clouds]

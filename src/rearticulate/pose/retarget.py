@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from rearticulate.errors import InputError
-from rearticulate.geometry.se3 import exp_se3, hat, inverse, transform
+from rearticulate.geometry.se3 import exp_se3, from_unit, hat, inverse, transform
 from rearticulate.pose.least_squares import BoolArray, PoseProblem, Starts, residuals, solve, start
 from rearticulate.pose.single import single_valued
 from rearticulate.records import Array, IntArray, KinematicModel
@@ -105,12 +105,6 @@ class _Scale:
 
     def shrink(self, points: Array) -> Array:
         return (points - self.centre) / self.size
-
-    def enlarge(self, T: Array) -> Array:
-        """A motion (4, 4) in private units as a motion of the world."""
-        out = T.copy()
-        out[:3, 3] = self.size * T[:3, 3] + self.centre - T[:3, :3] @ self.centre
-        return out
 
 
 def _problem(model: KinematicModel, scale: _Scale, source: Array, target: Array, free_root: bool) -> PoseProblem:
@@ -250,7 +244,7 @@ def _result(model: KinematicModel, scale: _Scale, problem: PoseProblem, best: St
     q = best.q[0] - 2 * np.pi * turns * np.round((best.q[0] - problem.rest) / (2 * np.pi))
     return RetargetResult(
         q=q * _units(model, scale),
-        T_world_root=scale.enlarge(best.root[0]),
+        T_world_root=from_unit(best.root[0], scale.size, scale.centre),
         residual=scale.size * np.linalg.norm(residuals(problem, best)[0], axis=-1),
         part=best.part[0],
         converged=bool(best.converged[0]),

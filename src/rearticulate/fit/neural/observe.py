@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from rearticulate.config import FitConfig
+from rearticulate.config import FitConfig, NeuralConfig
 from rearticulate.fit.flow import SceneFlow
 from rearticulate.fit.frames import Frames
+from rearticulate.fit.guided import guided_flow, matched_flow
 from rearticulate.fit.track import track
 from rearticulate.geometry.se3 import transform
-from rearticulate.network.correspond import match_sequence
+from rearticulate.network.correspond import sequence_features
 from rearticulate.network.inference import load_network
 
 
-def network_flow(frames: Frames, ratio: float) -> tuple[SceneFlow, ...]:
-    """Mutual matches of the shipped network between successive frames (supplement, "Flow Prediction Network")."""
+def network_flow(frames: Frames, config: NeuralConfig) -> tuple[SceneFlow, ...]:
+    """Matches of the shipped network between successive frames (supplement, "Flow Prediction Network")."""
     clouds = [frames.points[frames.rows(f)] for f in range(frames.n_frames)]
-    matches = match_sequence(load_network(), clouds, ratio)
-    return tuple(SceneFlow(a[i], b[j] - a[i]) for (a, b), (i, j) in zip(pairwise(clouds), matches, strict=True))
+    features = sequence_features(load_network(), clouds)
+    pairs = zip(pairwise(clouds), pairwise(features), strict=True)
+    if config.guided:
+        return tuple(guided_flow(a, b, of_both) for (a, b), of_both in pairs)
+    return tuple(matched_flow(a, b, of_both, config.ratio) for (a, b), of_both in pairs)
 
 
 def tracked_flow(frames: Frames, canonical: int, config: FitConfig) -> tuple[SceneFlow, ...]:
@@ -31,4 +35,4 @@ def observed_flow(frames: Frames, canonical: int, config: FitConfig) -> tuple[Sc
     """One record a pair of neighbouring frames, from the configured source."""
     if config.neural.observed == "tracking":
         return tracked_flow(frames, canonical, config)
-    return network_flow(frames, config.neural.ratio)
+    return network_flow(frames, config.neural)

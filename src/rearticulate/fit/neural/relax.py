@@ -25,6 +25,7 @@ from rearticulate.fit.neural.field import PartField, PointChoices, cosine, draw_
 from rearticulate.fit.neural.poses import IDENTITY, from_matrices, move, to_matrices
 from rearticulate.fit.relaxed import Relaxed, keep_parts, spread_labels
 from rearticulate.geometry.nearest import rms_radius
+from rearticulate.geometry.se3 import from_unit, to_unit
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -55,15 +56,11 @@ class Scene:
 
     def poses_in(self, T: Array) -> Array:
         """(..., 4, 4) motions in the frames' units -> here."""
-        out = T.copy()
-        out[..., :3, 3] = self.scale * (T[..., :3, 3] + T[..., :3, :3] @ self.centre - self.centre)
-        return out
+        return to_unit(T, 1 / self.scale, self.centre)
 
     def poses_out(self, T: Array) -> Array:
         """(..., 4, 4) motions -> in the frames' units."""
-        out = T.copy()
-        out[..., :3, 3] = T[..., :3, 3] / self.scale - T[..., :3, :3] @ self.centre + self.centre
-        return out
+        return from_unit(T, 1 / self.scale, self.centre)
 
 
 def make_scene(frames: Frames, canonical: int, flow: Sequence[SceneFlow], radius: float) -> Scene:
