@@ -114,7 +114,7 @@ def test_variants_differ_from_the_paper_only_where_they_say():
     assert variant("energy:emd").neural.chamfer == variant("energy:emd").neural.flow == 0
     quick = variant("paper", quick=True)
     assert quick.neural.chamfer_iterations < paper.neural.chamfer_iterations
-    assert quick == replace(paper, neural=quick.neural)
+    assert quick == replace(paper, canonical_tries=1, neural=quick.neural)
     assert (
         variant("paper-fast", quick=True).neural.chamfer_iterations <= variant("paper-fast").neural.chamfer_iterations
     )

@@ -9,7 +9,7 @@ from typing import Any
 from rearticulate.config import PRESETS, FitConfig
 from rearticulate.errors import InputError
 
-QUICK = {"chamfer_iterations": 500, "emd_iterations": 500, "final_iterations": 50}
+QUICK = {"chamfer_iterations": 300, "emd_iterations": 500, "final_iterations": 50}
 ENERGIES = ("chamfer", "flow", "emd")
 
 
@@ -42,9 +42,10 @@ VARIANTS: dict[str, FitConfig] = {
 
 
 def variant(name: str, quick: bool = False) -> FitConfig:
-    """The configuration of a name; quick: with a fifteenth of the iterations. Raises InputError with the names."""
+    """The configuration of a name; quick: with few iterations, from one canonical frame. Raises InputError with the
+    names."""
     if name not in VARIANTS:
         raise InputError(f"there is no configuration {name!r}; there are {', '.join(VARIANTS)}")
     config = VARIANTS[name]
     limits = {key: min(value, getattr(config.neural, key)) for key, value in QUICK.items()}
-    return replace(config, neural=replace(config.neural, **limits)) if quick else config
+    return replace(config, canonical_tries=1, neural=replace(config.neural, **limits)) if quick else config

@@ -40,7 +40,9 @@ def run_bench(name: str, out: Path, options: BenchOptions) -> None:
     configs = {job.variant: variant(job.variant, options.quick) for job in page.jobs}
     facts = {"stamp": stamp(configs, options.seed, options.jobs), "answers": answers}
     if options.quick:
-        facts["stamp"]["quick"] = f"at most {', '.join(f'{value} {key}' for key, value in QUICK.items())}"
+        facts["stamp"]["quick"] = (
+            f"one canonical frame, at most {', '.join(f'{value} {key}' for key, value in QUICK.items())}"
+        )
     text = page.render(facts["stamp"], answers)
     if options.as_json:
         print_json(facts)
