@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from statistics import mean
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.bench.cases import PAPER_TEST, PAPER_VALIDATION, Case, data_folder
+from rearticulate.bench.columns import COLUMNS, answers_of, mean_metrics, number_cell
 from rearticulate.bench.markdown import head, table
 from rearticulate.bench.published import SIX
-from rearticulate.bench.results_page import COLUMNS, number_cell
 from rearticulate.bench.runner import Answer, Job
 from rearticulate.bench.variants import VARIANTS
 from rearticulate.config import NeuralConfig, TrackConfig
@@ -75,7 +74,7 @@ def measure(follow: Follow, name: str, step_deg: float) -> dict[str, float]:
     """Mean of `errors` over a few steps of one robot."""
     sequence, truth = Case(name).load(data_folder())
     found = [errors(follow, *stepped_pair(sequence, truth, f, POINTS, step_deg, seed=f)) for f in FRAMES]
-    return _mean(found)
+    return mean_metrics(found)
 
 
 def pairs() -> list[str]:
@@ -100,7 +99,7 @@ def pairs() -> list[str]:
         for label in followers
     ]
     means = [
-        ["**mean**", f"{step}", label, *_cells(_mean([found[name, step, label] for name in ROBOTS]))]
+        ["**mean**", f"{step}", label, *_cells(mean_metrics(found[name, step, label] for name in ROBOTS))]
         for step in STEPS_DEG
         for label in followers
     ]
@@ -120,8 +119,8 @@ def fits(answers: dict[str, Answer]) -> list[str]:
     rows = []
     for label, names in groups:
         for preset in COMPARED:
-            have = [answers[key]["metrics"] for name in names if (key := f"{preset}/{name}/{FAR}") in answers]
-            found = _mean(have) if len(have) == len(names) else {}
+            have = answers_of(preset, [f"{name}/{FAR}" for name in names], answers)
+            found = mean_metrics(a["metrics"] for a in have) if len(have) == len(names) else {}
             rows.append([label, preset, *(number_cell(found.get(key), key) for key in SIX)])
     text = (
         "Whole fits of the default to every third frame. The network's matches are one more start of the tracking "
@@ -134,10 +133,6 @@ def report(stamp: dict[str, str], answers: dict[str, Answer]) -> str:
     """The whole page."""
     sections = ["## Single steps", *pairs(), "## Frames far apart", *fits(answers)]
     return "\n\n".join([head("Correspondences", stamp), *sections]) + "\n"
-
-
-def _mean(found: list[dict[str, float]]) -> dict[str, float]:
-    return {key: mean(one[key] for one in found) for key in found[0]}
 
 
 def _cells(found: dict[str, float]) -> list[str]:

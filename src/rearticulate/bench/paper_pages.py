@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import product
 from statistics import mean
 
 from rearticulate.bench import published
 from rearticulate.bench.cases import HOUSEHOLD, PAPER_TEST, PAPER_VALIDATION, Case
+from rearticulate.bench.columns import COLUMNS, answers_of, mean_metrics, number_cell
 from rearticulate.bench.markdown import head, seconds_cell, table
 from rearticulate.bench.published import SIX
-from rearticulate.bench.results_page import COLUMNS, number_cell
 from rearticulate.bench.runner import Answer, Job
 from rearticulate.bench.variants import energies
 
@@ -49,11 +49,11 @@ def robots(stamp: dict[str, str], answers: Answers) -> str:
     several_of = {"validation robots": PAPER_VALIDATION, "robots chosen beforehand": FIRST, "test robots": PAPER_TEST}
     for label, names in several_of.items():
         for preset in COMPARED:
-            have = [answers[key] for name in names if (key := f"{preset}/{name}") in answers]
+            have = answers_of(preset, names, answers)
             if have:
                 several = f"**mean of {len(have)} {label}**"
                 time = seconds_cell(mean(a["seconds"] for a in have))
-                rows.append([several, preset, *_six(_mean(a["metrics"] for a in have)), "", time])
+                rows.append([several, preset, *_six(mean_metrics(a["metrics"] for a in have)), "", time])
     rows.append(["**published mean of 10 test robots**", "", *_six(published.TEST_ROBOTS), "", "2700"])
     heads = ["robot", "preset", *(COLUMNS[key][0] for key in SIX), "parts", "s"]
     return "\n\n".join([head("Robots: the paper's method and the default", stamp), NOTE, table(heads, rows)]) + "\n"
@@ -99,8 +99,8 @@ def household(stamp: dict[str, str], answers: Answers) -> str:
     for label, names in groups:
         cells = [label]
         for preset in COMPARED:
-            have = [answers[key] for name in names if (key := f"{preset}/{name}") in answers]
-            found = _mean(a["metrics"] for a in have) if len(have) == len(names) else {}
+            have = answers_of(preset, names, answers)
+            found = mean_metrics(a["metrics"] for a in have) if len(have) == len(names) else {}
             cells += [number_cell(found.get(key), key) for key in HOUSEHOLD_KEYS]
         rows.append(cells)
     heads = ["object", *(f"{preset}: {COLUMNS[key][0]}" for preset in COMPARED for key in HOUSEHOLD_KEYS)]
@@ -131,7 +131,7 @@ def run_time(stamp: dict[str, str], answers: Answers) -> str:
     rows = []
     for label, names in (("RoboArt", ROBOTS), ("household", HOUSEHOLD)):
         for preset in COMPARED:
-            have = [answers[key] for name in names if (key := f"{preset}/{name}") in answers]
+            have = answers_of(preset, names, answers)
             stages = {stage: mean(a["stages"].get(stage, 0.0) for a in have) for a in have[:1] for stage in a["stages"]}
             text = ", ".join(f"{stage} {value:.1f}" for stage, value in stages.items())
             if have:
@@ -144,13 +144,8 @@ def run_time(stamp: dict[str, str], answers: Answers) -> str:
 
 def _validation_mean(answers: Answers, variant: str, part: str) -> dict[str, float]:
     """Mean over the validation robots; empty where one is missing."""
-    have = [answers[key][part] for name in PAPER_VALIDATION if (key := f"{variant}/{name}") in answers]
-    return _mean(have) if len(have) == len(PAPER_VALIDATION) else {}
-
-
-def _mean(metrics: Iterable[dict[str, float]]) -> dict[str, float]:
-    found = list(metrics)
-    return {key: mean(m[key] for m in found) for key in found[0] if all(key in m for m in found)} if found else {}
+    have = answers_of(variant, PAPER_VALIDATION, answers)
+    return mean_metrics(a[part] for a in have) if len(have) == len(PAPER_VALIDATION) else {}
 
 
 def _six(metrics: dict[str, float]) -> Row:

@@ -2,45 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from statistics import mean
 
 from rearticulate.bench.cases import ALL, HOUSEHOLD, PAPER_TEST, PERTURBATIONS, ROBOTS, ROBUSTNESS
+from rearticulate.bench.columns import COLUMNS, mean_metrics, number_cell
 from rearticulate.bench.markdown import head, seconds_cell, table
+from rearticulate.bench.published import TEST_ROBOTS
 from rearticulate.bench.runner import Answer, Job
 from rearticulate.bench.seen import ENOUGH
 
-COLUMNS = {  # metric: head, decimals
-    "recon_cm": ("recon cm", 3),
-    "flow_epe_cm": ("flow EPE cm", 3),
-    "flow_acc_5mm": ("acc 5 mm", 3),
-    "flow_acc_10mm": ("acc 10 mm", 3),
-    "flow_acc_5cm": ("acc 5 cm", 3),
-    "flow_acc_10cm": ("acc 10 cm", 3),
-    "rand_index": ("Rand", 3),
-    "rand_index_multi_scan": ("Rand multi", 3),
-    "rand_index_per_scan": ("Rand per scan", 3),
-    "tree_edit_distance": ("tree edit", 2),
-    "reanimate_cm": ("reanimate cm", 2),
-    "joint_type_share": ("joint types", 2),
-    "joint_axis_median_deg": ("axis deg", 2),
-    "joint_position_median_percent": ("axis position %", 2),
-    "seen_share": ("seen", 2),
-    "seen_recon_cm": ("recon of seen cm", 3),
-}
 PARTIAL = {"seen_share", "seen_recon_cm"}
 NOT_FOR_ROBOTS = {"flow_acc_5cm", "flow_acc_10cm"} | PARTIAL
 NOT_FOR_HOUSEHOLD = {"flow_acc_5mm", "flow_acc_10mm"} | PARTIAL
-PUBLISHED = {  # the paper's mean over its own sequences of the 10 test robots
-    "recon_cm": 1.26,
-    "flow_epe_cm": 0.57,
-    "flow_acc_5mm": 0.59,
-    "rand_index": 0.86,
-    "tree_edit_distance": 2.9,
-    "reanimate_cm": 3.66,
-}
-
-
 PRESET = "direct"
 JOBS = [Job(case, PRESET) for case in ALL]
 
@@ -74,7 +47,7 @@ def robots(answers: dict[str, Answer]) -> str:
     keys = [key for key in COLUMNS if key not in NOT_FOR_ROBOTS]
     rows = [_object_row(name, answers[name], keys) for name in ROBOTS if name in answers]
     rows += _mean_row("mean of the paper's 10 test robots", PAPER_TEST, answers, keys)
-    published = [number_cell(PUBLISHED.get(key), key) for key in keys]
+    published = [number_cell(TEST_ROBOTS.get(key), key) for key in keys]
     rows.append(["published, the paper's sequences", *published, *4 * ["-"]])
     rows += _mean_row("mean of all 16 robots", ROBOTS, answers, keys)
     return table(["object", *(COLUMNS[key][0] for key in keys), "parts", "true", "s", "MB"], rows)
@@ -115,17 +88,11 @@ def seconds(answers: dict[str, Answer]) -> str:
     return table(["object", *stages, "whole fit"], rows)
 
 
-def means(names: Iterable[str], answers: dict[str, Answer], keys: Iterable[str]) -> dict[str, float]:
-    """Mean of every metric over the objects that have it."""
-    values = {key: [answers[n]["metrics"][key] for n in names if key in answers[n]["metrics"]] for key in keys}
-    return {key: mean(found) for key, found in values.items() if found}
-
-
 def _mean_row(label: str, names: tuple[str, ...], answers: dict[str, Answer], keys: list[str]) -> list[list[str]]:
     """One row, or none where an object is missing."""
     if not all(name in answers for name in names):
         return []
-    found = means(names, answers, [*keys, "parts", "parts_true"])
+    found = mean_metrics(answers[name]["metrics"] for name in names)
     cells = [number_cell(found.get(key), key) for key in keys]
     ends = [f"{found['parts']:.1f}", f"{found['parts_true']:.1f}"]
     time = seconds_cell(mean(answers[name]["seconds"] for name in names))
@@ -138,7 +105,3 @@ def _object_row(label: str, answer: Answer, keys: list[str]) -> list[str]:
     parts = [f"{metrics['parts']:.0f}", f"{metrics['parts_true']:.0f}"]
     memory = "-" if answer["peak_mb"] is None else f"{answer['peak_mb']:.0f}"
     return [label, *cells, *parts, seconds_cell(answer["seconds"]), memory]
-
-
-def number_cell(value: float | None, key: str) -> str:
-    return "-" if value is None else f"{value:.{COLUMNS[key][1]}f}"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rearticulate.config import DeviationConfig
 from rearticulate.fit.chains import ChainFit, fit_prismatic, fit_revolute, rest_cost
 from rearticulate.fit.frames import Frames
-from rearticulate.fit.relaxed import Relaxed, keep_parts
+from rearticulate.fit.relaxed import Relaxed, keep_parts, merge_pair
 from rearticulate.fit.tree import Link, Projection, assemble, spanning_tree
 from rearticulate.geometry.nearest import nearest, rms_radius, search_tree
 from rearticulate.geometry.se3 import inverse, to_unit, transform
@@ -91,9 +91,7 @@ def merge_still(frames: Frames, canonical: int, model: Relaxed, config: Deviatio
             break
         best = int(np.where(still, gap, np.inf).argmin())
         counts = np.bincount(parts.labels, minlength=model.n_parts)
-        keep, lose = sorted((int(a[best]), int(b[best])), key=lambda p: -counts[p])
-        labels = np.where(model.labels == lose, keep, model.labels)
-        model = keep_parts(frames, Relaxed(model.T, labels), np.delete(np.arange(model.n_parts), lose))
+        model = merge_pair(frames, model, int(a[best]), int(b[best]), counts)
     return model
 
 

@@ -16,7 +16,7 @@ from rearticulate.fit.bundle import adjust_to_poses
 from rearticulate.fit.chains import ChainFit, fit_prismatic, fit_revolute, fit_series, relative_motion, rest_cost
 from rearticulate.fit.cluster import adjacent_labels
 from rearticulate.fit.frames import Frames
-from rearticulate.fit.relaxed import INFORMATION_SIGMA, Fused, Relaxed, fuse, fused_equations, keep_parts, points_behind
+from rearticulate.fit.relaxed import INFORMATION_SIGMA, Fused, Relaxed, fuse, fused_equations, merge_pair, points_behind
 from rearticulate.fit.tree import Link, Projection, assemble, choose_root, spanning_tree
 from rearticulate.geometry.nearest import contact, nearest, search_tree
 from rearticulate.geometry.se3 import inverse, transform
@@ -93,10 +93,7 @@ def merge_resting(frames: Frames, canonical: int, model: Relaxed, config: Projec
         best = int(x.argmin())
         if x[best] >= config.merge:
             return model
-        counts = model.counts()
-        keep, lose = sorted((int(a[best]), int(b[best])), key=lambda p: -counts[p])
-        labels = np.where(model.labels == lose, keep, model.labels)
-        model = keep_parts(frames, Relaxed(model.T, labels), np.delete(np.arange(model.n_parts), lose))
+        model = merge_pair(frames, model, int(a[best]), int(b[best]), model.counts())
     return model
 
 

@@ -21,6 +21,12 @@ def to_matrices(poses: Tensor) -> Tensor:
     return torch.cat([rotations(poses[..., :6]), poses[..., 6:, None]], dim=-1)
 
 
+def with_identity(T: Tensor, canonical: int) -> Tensor:
+    """(F - 1, P, 3, 4) motions to all frames but the canonical one -> (F, P, 3, 4), the identity there."""
+    still = torch.eye(3, 4, dtype=T.dtype).expand(1, T.shape[1], 3, 4)
+    return torch.cat([T[:canonical], still, T[canonical:]])
+
+
 def from_matrices(T: Tensor) -> Tensor:
     """(..., 4, 4) -> (..., 9)."""
     return torch.cat([T[..., :3, 0], T[..., :3, 1], T[..., :3, 3]], dim=-1)

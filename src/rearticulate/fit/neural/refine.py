@@ -16,7 +16,7 @@ from rearticulate.fit.articulated import Articulated
 from rearticulate.fit.flow import SceneFlow
 from rearticulate.fit.frames import Frames
 from rearticulate.fit.neural.field import cosine
-from rearticulate.fit.neural.poses import from_matrices, move, rotations, to_matrices
+from rearticulate.fit.neural.poses import from_matrices, move, rotations, to_matrices, with_identity
 from rearticulate.fit.neural.relax import Scene, chamfer_term, emd_term, flow_term, make_scene, total
 from rearticulate.fit.spherical import BallTree
 from rearticulate.geometry.se3 import exp_se3, log_so3
@@ -42,12 +42,11 @@ class Tree(nn.Module):
 
     def matrices(self) -> Tensor:
         """(F, P, 3, 4) part poses, the identity at the canonical frame."""
-        steps, c = self.steps(), self.scene.canonical
+        steps = self.steps()
         T = [to_matrices(self.root)]
         for j in range(1, len(self.parent)):
             T.append(compose(T[self.parent[j]], steps[:, j]))
-        moving = torch.stack(T, dim=1)
-        return torch.cat([moving[:c], torch.eye(3, 4).expand(1, len(T), 3, 4), moving[c:]])
+        return with_identity(torch.stack(T, dim=1), self.scene.canonical)
 
     def forward(self) -> Tensor:
         """(F, N, 3) moved canonical points."""

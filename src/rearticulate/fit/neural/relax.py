@@ -22,7 +22,7 @@ from rearticulate.fit.frames import Frames
 from rearticulate.fit.neural.correspondences import Assignments, Chamfer, Flow, kept
 from rearticulate.fit.neural.energies import assignment_energy, chamfer_energy, flow_energy
 from rearticulate.fit.neural.field import PartField, PointChoices, cosine, draw_parts, fit_labels
-from rearticulate.fit.neural.poses import IDENTITY, from_matrices, move, to_matrices
+from rearticulate.fit.neural.poses import IDENTITY, from_matrices, move, to_matrices, with_identity
 from rearticulate.fit.relaxed import Relaxed, keep_parts, spread_labels
 from rearticulate.geometry.nearest import rms_radius
 from rearticulate.geometry.se3 import from_unit, to_unit
@@ -101,8 +101,7 @@ class Model(nn.Module):
 
     def matrices(self, poses: Tensor) -> Tensor:
         """(F, P, 3, 4) with the identity at the canonical frame."""
-        T, c = to_matrices(poses), self.canonical
-        return torch.cat([T[:c], torch.eye(3, 4, dtype=T.dtype).expand(1, T.shape[1], 3, 4), T[c:]])
+        return with_identity(to_matrices(poses), self.canonical)
 
     def forward(self, temperature: float) -> Tensor:
         """(F, N, 3) the canonical points moved by the poses of drawn (or blended) parts."""
