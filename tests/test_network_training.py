@@ -18,7 +18,7 @@ pytest.importorskip("safetensors", reason="needs rearticulate[paper]")
 import torch
 
 from rearticulate.network import train
-from rearticulate.network.correspond import mutual_matches, sequence_features
+from rearticulate.network.correspond import mutual_matches, point_features
 from rearticulate.network.inference import Network, load_network
 from rearticulate.network.train import Run, TrainConfig, choose_device, learning_rate
 from rearticulate.network.weights import load_tensors, save_network
@@ -93,7 +93,7 @@ def test_weights_come_back_and_strangers_are_refused(tmp_path):
     save_network(path, run.net, {"steps": 2})
     back = load_network(path)
     cloud = np.random.default_rng(0).normal(size=(200, 3))
-    i, j = mutual_matches(*sequence_features(back, [cloud, cloud]), ratio=0.9)
+    i, j = mutual_matches(point_features(back, cloud, 1.7), point_features(back, cloud, 1.7), ratio=0.9)
     np.testing.assert_array_equal(i, j)
     assert len(i) > 150, "equal clouds match point by point"
     assert load_tensors(path)[1] == {"steps": 2}
@@ -108,7 +108,7 @@ def test_weights_come_back_and_strangers_are_refused(tmp_path):
 
 def test_too_few_points_are_one_clear_line():
     with pytest.raises(InputError, match="192 points a frame, one has 10"):
-        sequence_features(Network({}), [np.zeros((10, 3)), np.zeros((10, 3))])
+        point_features(Network({}), np.zeros((10, 3)), 1.0)
 
 
 def test_devices():

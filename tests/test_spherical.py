@@ -129,7 +129,7 @@ def test_a_figure_is_fitted_from_its_points(figure, tmp_path):
     config = replace(
         fast,
         canonical_tries=1,
-        neural=replace(fast.neural, observed="tracking", chamfer_iterations=60, emd_iterations=20, final_iterations=60),
+        neural=replace(fast.neural, chamfer_iterations=60, emd_iterations=20, final_iterations=60),
         deviation=replace(fast.deviation, joints="ball"),
     )
     result = fit(sequence, config, seed=0)

@@ -162,10 +162,9 @@ class NeuralConfig:
     object as the fit sees it, scaled to `radius`."""
 
     radius: float = 0.3  # rms distance of the canonical points from their centroid: about that of a robot of 1 m
-    observed: Literal["network", "tracking"] = "network"  # where the observed flow comes from
     start: Literal["nothing", "direct"] = "nothing"  # or the relaxed model of the direct solver
-    guided: bool = True  # matches are made consistent with those around them (`fit.guided`); False: as in the paper
-    ratio: float = 0.9  # of feature distances to the nearest and second nearest above which such a match is not sure
+    refined: bool = True  # the network's matches are the start of a registration of patches; False: as in the paper
+    ratio: float = 0.9  # ... of feature distances to the nearest and second nearest above which a match is not sure
     parts: int = 20
     hidden: int = 128  # width of the part field
     field: bool = True  # a field over space says the part of a point; False: each point has a choice of its own

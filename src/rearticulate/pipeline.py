@@ -82,7 +82,8 @@ def fit(
     shown = frames.take(known)
     labeller = Labeller(shown, config.label)
     clock("prepare", 1.0)
-    solver = Solver(shown, labeller, config, seed, clock, store, fingerprint(sequence, config, seed))
+    flow = scene_flow(shown, config, clock)
+    solver = Solver(shown, flow, labeller, config, seed, clock, store, fingerprint(sequence, config, seed))
     silent = dataclasses.replace(solver, clock=Clock(None))
     place = None if canonical is None else int(np.searchsorted(known, canonical))
     tried = canonical_frames(np.diff(shown.start), place, config)
@@ -118,6 +119,16 @@ def working_rows(n: int, limit: int, rng: np.random.Generator) -> IntArray:
     return np.arange(n) if n <= limit else np.sort(rng.choice(n, limit, replace=False))
 
 
+def scene_flow(frames: Frames, config: FitConfig, progress: Progress) -> tuple[SceneFlow, ...]:
+    """The observed flow between successive frames, where a half of the fit asks for it."""
+    if config.relax == config.articulate == "direct":
+        return ()
+    from rearticulate.fit.neural.observe import observed_flow
+
+    progress("flow", 0.0)
+    return observed_flow(frames, config)
+
+
 def fingerprint(sequence: PointSequence, config: FitConfig, seed: int) -> str:
     """Names everything a stage record depends on."""
     digest = hashlib.sha256(json.dumps([dataclasses.asdict(config), seed], sort_keys=True).encode())
@@ -131,6 +142,7 @@ class Solver:
     """Runs the two halves of the fit from one canonical frame; finished halves are taken from the store."""
 
     frames: Frames
+    flow: tuple[SceneFlow, ...]
     labeller: Labeller
     config: FitConfig
     seed: int
@@ -139,28 +151,18 @@ class Solver:
     mark: str
 
     def candidate(self, canonical: int) -> Candidate:
-        flow = self.flow(canonical)
-        relaxed = self.relaxed(canonical, flow)
+        relaxed = self.relaxed(canonical)
         saved = self.store.load(f"articulated-{canonical}", self.mark)
         if saved is not None:
             labels, value = saved.pop("labels"), float(saved.pop("energy"))
             tree = BallTree(**saved) if "centre" in saved else Articulated(**saved)
             return Candidate(canonical, tree, labels, value, relaxed)
-        found = self.articulated(canonical, relaxed, flow)
+        found = self.articulated(canonical, relaxed)
         everything = {**vars(found.tree), "labels": found.labels, "energy": found.energy}
         self.store.save(f"articulated-{canonical}", self.mark, everything)
         return found
 
-    def flow(self, canonical: int) -> tuple[SceneFlow, ...]:
-        """The observed flow, where a half of the fit asks for it."""
-        if self.config.relax == self.config.articulate == "direct":
-            return ()
-        from rearticulate.fit.neural.observe import observed_flow
-
-        self.clock("flow", 0.0)
-        return observed_flow(self.frames, canonical, self.config)
-
-    def relaxed(self, canonical: int, flow: tuple[SceneFlow, ...]) -> Relaxed:
+    def relaxed(self, canonical: int) -> Relaxed:
         saved = self.store.load(f"relaxed-{canonical}", self.mark)
         if saved is not None:
             return Relaxed(saved["T"], saved["labels"])
@@ -171,15 +173,15 @@ class Solver:
         if model is None or neural:
             from rearticulate.fit.neural.relax import relax_neural
 
-            model = relax_neural(self.frames, canonical, flow, self.config.neural, rng, self.clock, model)
+            model = relax_neural(self.frames, canonical, self.flow, self.config.neural, rng, self.clock, model)
         self.store.save(f"relaxed-{canonical}", self.mark, {"T": model.T, "labels": model.labels})
         return model
 
-    def articulated(self, canonical: int, relaxed: Relaxed, flow: tuple[SceneFlow, ...]) -> Candidate:
+    def articulated(self, canonical: int, relaxed: Relaxed) -> Candidate:
         if self.config.articulate == "paper":
             from rearticulate.fit.neural.articulate import articulate_paper
 
-            tree, labels, cost = articulate_paper(self.frames, canonical, relaxed, flow, self.config, self.clock)
+            tree, labels, cost = articulate_paper(self.frames, canonical, relaxed, self.flow, self.config, self.clock)
             return Candidate(canonical, tree, labels, cost, relaxed)
         rng = np.random.default_rng([self.seed, canonical, 1])
         tree, labels = articulate(self.frames, canonical, relaxed, self.labeller, self.config, rng, self.clock)

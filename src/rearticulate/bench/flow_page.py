@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,10 +15,10 @@ from rearticulate.bench.markdown import head, table
 from rearticulate.bench.published import SIX
 from rearticulate.bench.runner import Answer, Job
 from rearticulate.bench.variants import VARIANTS
-from rearticulate.config import NeuralConfig, TrackConfig
+from rearticulate.config import PRESETS, TrackConfig
 from rearticulate.fit.flow import SceneFlow
 from rearticulate.fit.frames import make_frames
-from rearticulate.fit.neural.observe import network_flow
+from rearticulate.fit.neural.observe import observed_flow
 from rearticulate.fit.track import track
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
@@ -52,10 +53,10 @@ def patch_tracking(config: TrackConfig, a: Array, b: Array) -> SceneFlow:
     return SceneFlow(x * frames.unit + frames.centre, (moved - x) * frames.unit)
 
 
-def network_matches(config: NeuralConfig, a: Array, b: Array) -> SceneFlow:
-    """Matches of the shipped network."""
-    frames = make_frames([a, b])
-    flow = network_flow(frames, config)[0]
+def network_matches(refined: bool, a: Array, b: Array) -> SceneFlow:
+    """Matches of the shipped network, as they are or refined."""
+    frames, config = make_frames([a, b]), PRESETS["paper"]
+    flow = observed_flow(frames, replace(config, neural=replace(config.neural, refined=refined)))[0]
     return SceneFlow(flow.anchors * frames.unit + frames.centre, flow.vectors * frames.unit)
 
 
@@ -81,8 +82,8 @@ def pairs() -> list[str]:
     """Text and tables of single steps; everything is measured here."""
     followers: dict[str, Follow] = {
         "nearest neighbours": spatial_neighbours,
-        "network": partial(network_matches, NeuralConfig(guided=False)),
-        "network, guided": partial(network_matches, NeuralConfig()),
+        "network": partial(network_matches, False),
+        "network, refined": partial(network_matches, True),
         "tracking without network": partial(patch_tracking, VARIANTS["without network"].track),
         "tracking": partial(patch_tracking, VARIANTS["direct"].track),
     }

@@ -23,7 +23,7 @@ from rearticulate.config import PRESETS, NeuralConfig
 from rearticulate.fit.frames import make_frames
 from rearticulate.fit.neural.assignment import Assignment, assign
 from rearticulate.fit.neural.neighbours import BoxTree
-from rearticulate.fit.neural.observe import tracked_flow
+from rearticulate.fit.neural.observe import observed_flow
 from rearticulate.fit.neural.relax import Energy, Model, Scene, energies, make_scene
 from rearticulate.geometry.nearest import farthest_points, nearest, search_tree
 
@@ -41,7 +41,7 @@ def report(stamp: dict[str, str], answers: dict[str, Answer]) -> str:
     sequence, _ = Case("nao").load(data_folder())
     frames = make_frames(list(sequence.points))
     config = PRESETS["paper"].neural
-    scene = make_scene(frames, CANONICAL, tracked_flow(frames, CANONICAL, PRESETS["paper"]), config.radius)
+    scene = make_scene(frames, CANONICAL, observed_flow(frames, PRESETS["paper"]), config.radius)
     with threadpool_limits(1):
         plain = list(plain_iterations(scene))
         rows = [["Chamfer forward and backward, all pairs of points (`torch.cdist`)", _cell(plain), "1"]]

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from rearticulate.fit.flow import SceneFlow
 from rearticulate.fit.frames import Frames
-from rearticulate.fit.guided import matched_flow
 from rearticulate.fit.kabsch import robust_kabsch
 from rearticulate.geometry.nearest import rms_radius
 from rearticulate.geometry.se3 import transform
-from rearticulate.network.correspond import point_features
+from rearticulate.network.correspond import mutual_matches, point_features
 from rearticulate.network.inference import Network, load_network
 from rearticulate.network.pyramid import MIN_POINTS
 
@@ -44,14 +43,15 @@ class Guesses:
         """Whether the frames have enough points for the network."""
         return all(len(self._frames.points[self._frames.rows(f)]) >= MIN_POINTS for f in frames)
 
-    def flow(self, a: int, b: int) -> SceneFlow:
-        """All mutual matches from frame a to frame b."""
+    def flow(self, a: int, b: int, ratio: float = 1.0) -> SceneFlow:
+        """The mutual matches from frame a to frame b; a lower ratio keeps the sure ones (`mutual_matches`)."""
         for f in (a, b):
             if f not in self._features:
                 cloud = self._frames.points[self._frames.rows(f)]
                 self._features[f] = point_features(self._network, cloud, self._scale)
         x, y = (self._frames.points[self._frames.rows(f)] for f in (a, b))
-        return matched_flow(x, y, (self._features[a], self._features[b]), ratio=1.0)
+        i, j = mutual_matches(self._features[a], self._features[b], ratio)
+        return SceneFlow(x[i], y[j] - x[i])
 
     def poses(self, T: Array, points: Array, patch: IntArray, a: int, b: int) -> Array:
         """Patch poses (K, 4, 4) in frame b from those in frame a; points (m, 3) of patches (m,), canonical."""

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.errors import InputError
-from rearticulate.geometry.nearest import rms_radius
 from rearticulate.network.inference import Network
 from rearticulate.network.pyramid import MIN_POINTS, build_pyramid
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
-
-RATIO = 0.9  # of the distances to the nearest and the second nearest above which a match is not sure
 
 
 def point_features(net: Network, cloud: Array, scale: float) -> Array:
@@ -24,11 +19,6 @@ def point_features(net: Network, cloud: Array, scale: float) -> Array:
         raise InputError(f"the correspondence network needs {MIN_POINTS} points a frame, one has {len(cloud)}")
     pyramid = build_pyramid(cloud, scale)
     return net.features(pyramid)[np.argsort(pyramid.order)]
-
-
-def scores(a: Array, b: Array) -> Array:
-    """(n, m) matching scores of features (n, d) and (m, d): what the softmax of training takes (appendix A.1)."""
-    return a @ b.T / np.float32(np.sqrt(a.shape[1]))
 
 
 def mutual_matches(a: Array, b: Array, ratio: float) -> tuple[IntArray, IntArray]:
@@ -42,9 +32,3 @@ def mutual_matches(a: Array, b: Array, ratio: float) -> tuple[IntArray, IntArray
     sure = nearest <= ratio**2 * d.min(axis=1)
     good = (back[best] == rows) & sure
     return rows[good], best[good]
-
-
-def sequence_features(net: Network, clouds: Sequence[Array]) -> list[Array]:
-    """`point_features` of every cloud, all in units of their mean rms radius."""
-    scale = float(np.mean([rms_radius(cloud) for cloud in clouds]))
-    return [point_features(net, cloud, scale) for cloud in clouds]

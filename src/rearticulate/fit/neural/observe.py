@@ -1,38 +1,39 @@
-"""The observed scene flow of a sequence: from the correspondence network, or from the direct solver's tracking."""
+"""The observed scene flow of a sequence, from the correspondence network (paper, sec. 3.2, supplement A.1).
+
+Matches of features are off by some point spacings, more than many joints move from frame to frame. So they are only
+the start of a registration of patches, the one that the direct solver tracks with.
+"""
 
 from __future__ import annotations
 
-from itertools import pairwise
+import numpy as np
 
-from rearticulate.config import FitConfig, NeuralConfig
+from rearticulate.config import FitConfig, TrackConfig
 from rearticulate.fit.flow import SceneFlow
 from rearticulate.fit.frames import Frames
-from rearticulate.fit.guided import guided_flow, matched_flow
-from rearticulate.fit.track import track
+from rearticulate.fit.guess import Guesses
+from rearticulate.fit.track import make_patches, register_patches
 from rearticulate.geometry.se3 import transform
-from rearticulate.network.correspond import sequence_features
-from rearticulate.network.inference import load_network
 
 
-def network_flow(frames: Frames, config: NeuralConfig) -> tuple[SceneFlow, ...]:
-    """Matches of the shipped network between successive frames (supplement, "Flow Prediction Network")."""
-    clouds = [frames.points[frames.rows(f)] for f in range(frames.n_frames)]
-    features = sequence_features(load_network(), clouds)
-    pairs = zip(pairwise(clouds), pairwise(features), strict=True)
-    if config.guided:
-        return tuple(guided_flow(a, b, of_both) for (a, b), of_both in pairs)
-    return tuple(matched_flow(a, b, of_both, config.ratio) for (a, b), of_both in pairs)
+def observed_flow(frames: Frames, config: FitConfig) -> tuple[SceneFlow, ...]:
+    """One record a pair of successive frames."""
+    guesses = Guesses(frames)
+    steps = range(frames.n_frames - 1)
+    if config.neural.refined:
+        return tuple(registered_flow(frames, guesses, f, config.track) for f in steps)
+    return tuple(guesses.flow(f, f + 1, config.neural.ratio) for f in steps)
 
 
-def tracked_flow(frames: Frames, canonical: int, config: FitConfig) -> tuple[SceneFlow, ...]:
-    """Steps of the canonical points, carried by their patches."""
-    tracks = track(frames, canonical, config.track, lambda done: None)
-    moved = transform(tracks.T[:, tracks.patches.owner], frames.points[frames.rows(canonical)])
-    return tuple(SceneFlow(a, b - a) for a, b in pairwise(moved))
+def registered_flow(frames: Frames, guesses: Guesses, f: int, config: TrackConfig) -> SceneFlow:
+    """Flow of all points of a frame, by patches that are registered to the next frame from where matches lead them.
 
-
-def observed_flow(frames: Frames, canonical: int, config: FitConfig) -> tuple[SceneFlow, ...]:
-    """One record a pair of neighbouring frames, from the configured source."""
-    if config.neural.observed == "tracking":
-        return tracked_flow(frames, canonical, config)
-    return network_flow(frames, config.neural)
+    From rest where a frame has too few points for the network.
+    """
+    rows = frames.rows(f)
+    patches = make_patches(frames.points[rows], frames.normals[rows], config)
+    start = np.tile(np.eye(4), (patches.count, 1, 1))
+    if guesses.possible(f, f + 1):
+        start = guesses.poses(start, patches.points[patches.member], patches.patch, f, f + 1)
+    T, _ = register_patches(frames, patches, f + 1, start, np.ones(len(patches.edge_i)), config)
+    return SceneFlow(patches.points, transform(T[patches.owner], patches.points) - patches.points)
