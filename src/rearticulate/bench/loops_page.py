@@ -1,4 +1,4 @@
-"""The page of the inner loops of the paper's relaxed fit: time of an iteration, and of the searches inside it."""
+"""The page of inner loops: an iteration of the paper's relaxed fit, the searches inside it, the network's features."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ from rearticulate.fit.neural.assignment import Assignment, assign
 from rearticulate.fit.neural.neighbours import BoxTree
 from rearticulate.fit.neural.observe import observed_flow
 from rearticulate.fit.neural.relax import Energy, Model, Scene, energies, make_scene
-from rearticulate.geometry.nearest import farthest_points, nearest, search_tree
+from rearticulate.geometry.nearest import farthest_points, nearest, rms_radius, search_tree
+from rearticulate.network.inference import load_network
+from rearticulate.network.pointnet import Batch, CorrespondenceNet
+from rearticulate.network.pyramid import build_pyramid
 
 Array = NDArray[np.floating]
 
@@ -33,6 +36,7 @@ CANONICAL = 5
 WARM = 300  # iterations before the clock starts
 TIMED = 60
 PLAIN = 5  # iterations of the plain transcription
+REPEATS = 12
 SECOND = 1e3  # milliseconds
 
 
@@ -50,6 +54,7 @@ def report(stamp: dict[str, str], answers: dict[str, Answer]) -> str:
             rows.append([f"whole iteration, {label}", _cell(times), f"{median(plain) / median(times):.0f}"])
         moving = list(moving_clouds(scene, config))
         rows += searches(scene, moving)
+        features = table(["", "ms"], network_times(sequence.points[CANONICAL]))
     text = (
         f"Nao, {len(sequence)} frames of {len(scene.canonical_points)} points, one core; median milliseconds. An "
         "iteration moves all canonical points to all frames, searches, and takes a step of the optimiser. An "
@@ -57,7 +62,8 @@ def report(stamp: dict[str, str], answers: dict[str, Answer]) -> str:
         "those of all other frames, for points that moved by one iteration since the last search, or by five "
         "(assignment)."
     )
-    return "\n\n".join([head("Inner loops", stamp), text, table(["", "ms", "times faster"], rows)]) + "\n"
+    relaxed = table(["", "ms", "times faster"], rows)
+    return "\n\n".join([head("Inner loops", stamp), text, relaxed, "Features of the network:", features]) + "\n"
 
 
 def plain_iterations(scene: Scene) -> Iterator[float]:
@@ -143,7 +149,24 @@ def searches(scene: Scene, moving: list[Array]) -> list[list[str]]:
     return found
 
 
-def timed(search: Callable[[Array], None], moving: list[Array]) -> list[float]:
+def network_times(cloud: Array) -> list[list[str]]:
+    """Rows: the pyramid of a cloud, and its features by either implementation."""
+    ours, net = load_network(), CorrespondenceNet().eval()
+    pyramid = build_pyramid(cloud, rms_radius(cloud))
+
+    @torch.no_grad()
+    def by_torch(_: Array) -> None:
+        net(Batch([pyramid]))
+
+    steps: dict[str, Callable[[Array], object]] = {
+        f"pyramid of {len(cloud)} points": lambda x: build_pyramid(x, rms_radius(x)),
+        "features, NumPy": lambda _: ours.features(pyramid),
+        "features, PyTorch": by_torch,
+    }
+    return [[label, _cell(timed(step, [cloud] * REPEATS))] for label, step in steps.items()]
+
+
+def timed(search: Callable[[Array], object], moving: list[Array]) -> list[float]:
     """Milliseconds of every search but the first."""
     times = []
     for x in moving:
