@@ -162,7 +162,9 @@ class NeuralConfig:
     object as the fit sees it, scaled to `radius`."""
 
     radius: float = 0.3  # rms distance of the canonical points from their centroid: about that of a robot of 1 m
-    start: Literal["nothing", "direct"] = "nothing"  # or the relaxed model of the direct solver
+    start: Literal["cells", "random", "direct"] = (
+        "cells"  # parts around farthest points, anywhere, or of the direct solver
+    )
     refined: bool = True  # the network's matches are the start of a registration of patches; False: as in the paper
     ratio: float = 0.9  # ... of feature distances to the nearest and second nearest above which a match is not sure
     parts: int = 20

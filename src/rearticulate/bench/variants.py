@@ -36,6 +36,8 @@ VARIANTS: dict[str, FitConfig] = {
     },
     "without network": replace(FitConfig(), track=replace(FitConfig().track, network=False)),
     "without field": _paper({"field": False}),
+    "random start": _paper({"start": "random"}),
+    "plain matches": _paper({"refined": False}),
     "without Gumbel": _paper({"gumbel": False}),
     "without canonical choice": _paper(canonical_tries=1),
 }

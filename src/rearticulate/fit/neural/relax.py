@@ -24,7 +24,7 @@ from rearticulate.fit.neural.energies import assignment_energy, chamfer_energy, 
 from rearticulate.fit.neural.field import PartField, PointChoices, cosine, draw_parts, fit_labels
 from rearticulate.fit.neural.poses import IDENTITY, from_matrices, move, to_matrices, with_identity
 from rearticulate.fit.relaxed import Relaxed, keep_parts, spread_labels
-from rearticulate.geometry.nearest import rms_radius
+from rearticulate.geometry.nearest import farthest_points, nearest, rms_radius, search_tree
 from rearticulate.geometry.se3 import from_unit, to_unit
 
 Array = NDArray[np.floating]
@@ -137,8 +137,8 @@ def relax_neural(
 ) -> Relaxed:
     """Fit a relaxed model to the frames and the flow between them, both in the frames' units.
 
-    flow: one record a pair of neighbouring frames. start: a model whose labels and poses the fit begins with. On one
-    thread, so that the same rng gives the same bits.
+    flow: one record a pair of neighbouring frames. start: a model whose labels and poses the fit begins with; without
+    it all parts begin at rest, as `config.start` says. On one thread, so that the same rng gives the same bits.
     """
     scene = make_scene(frames, canonical, flow, config.radius)
     generator = torch.Generator().manual_seed(int(rng.integers(2**63)))
@@ -146,11 +146,19 @@ def relax_neural(
         model = Model(scene, config.parts if start is None else start.n_parts, config, generator)
         if start is not None:
             model.start_from(scene, start.labels[frames.rows(canonical)], start.T)
+        elif config.start == "cells":
+            fit_labels(model.field, model.points, torch.from_numpy(cells(scene.canonical_points, config.parts)), config)
         descend(model, scene, config, progress)
         labels, T = model.labels(), scene.poses_out(model.motions())
     T[canonical] = np.eye(4)
     relaxed = Relaxed(T, spread_labels(frames, canonical, T, labels))
     return dissolve(frames, canonical, relaxed, config.minimum_points)
+
+
+def cells(points: Array, count: int) -> IntArray:
+    """(N,) which of `count` farthest points each point (N, 3) is nearest to."""
+    nodes = points[farthest_points(points, min(count, len(points)))]
+    return nearest(search_tree(nodes), points)[1]
 
 
 def descend(model: Model, scene: Scene, config: NeuralConfig, progress: Callable[[str, float], None]) -> None:
