@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from itertools import pairwise
+from itertools import islice, pairwise
 from statistics import median
 
 import numpy as np
@@ -24,7 +24,7 @@ from rearticulate.fit.frames import make_frames
 from rearticulate.fit.neural.assignment import Assignment, assign
 from rearticulate.fit.neural.neighbours import BoxTree
 from rearticulate.fit.neural.observe import observed_flow
-from rearticulate.fit.neural.relax import Energy, Model, Scene, energies, make_scene
+from rearticulate.fit.neural.relax import Model, Scene, descend, make_scene
 from rearticulate.geometry.nearest import farthest_points, nearest, rms_radius, search_tree
 from rearticulate.network.inference import load_network
 from rearticulate.network.pointnet import Batch, CorrespondenceNet
@@ -89,20 +89,22 @@ def _plain_chamfer(x: Tensor, cloud: Tensor) -> Tensor:
 def iterations(scene: Scene, config: NeuralConfig) -> Iterator[float]:
     """Milliseconds of iterations of the relaxed fit, after some to warm up: means over as many as an assignment is
     kept."""
-    *_, (model, optimiser, energy) = _fit(scene, config, WARM)
+    steps = descend(_model(scene, config), scene, config)
+    for _ in islice(steps, WARM):
+        pass
     for _ in range(TIMED // config.emd_every):
         started = time.perf_counter()
         for _ in range(config.emd_every):
-            _step(model, optimiser, energy)
+            next(steps)
         yield SECOND * (time.perf_counter() - started) / config.emd_every
 
 
 def moving_clouds(scene: Scene, config: NeuralConfig) -> Iterator[Array]:
     """(F, N, 3) the moved points of successive iterations in the midst of a fit."""
-    for done, (model, _, _) in enumerate(_fit(scene, config, WARM + TIMED)):
-        if done >= WARM:
-            with torch.no_grad():
-                yield model(config.temperature).numpy()
+    model = _model(scene, config)
+    for _ in islice(descend(model, scene, config), WARM, WARM + TIMED):
+        with torch.no_grad():
+            yield model(config.temperature).numpy()
 
 
 def searches(scene: Scene, moving: list[Array]) -> list[list[str]]:
@@ -178,23 +180,6 @@ def timed(search: Callable[[Array], object], moving: list[Array]) -> list[float]
 
 def _model(scene: Scene, config: NeuralConfig) -> Model:
     return Model(scene, config.parts, config, torch.Generator().manual_seed(0))
-
-
-def _fit(scene: Scene, config: NeuralConfig, count: int) -> Iterator[tuple[Model, torch.optim.Optimizer, Energy]]:
-    """Model, optimiser and energy after each of `count` iterations."""
-    model = _model(scene, config)
-    optimiser = torch.optim.Adam(
-        [{"params": model.field.parameters(), "lr": config.rate_field}, {"params": [model.poses]}], lr=config.rate_poses
-    )
-    for _, energy in zip(range(count), energies(scene, config), strict=False):
-        _step(model, optimiser, energy)
-        yield model, optimiser, energy
-
-
-def _step(model: Model, optimiser: torch.optim.Optimizer, energy: Energy) -> None:
-    optimiser.zero_grad()
-    energy(model(model.config.temperature)).backward()
-    optimiser.step()
 
 
 def _cell(times: list[float]) -> str:

@@ -144,6 +144,6 @@ def _seen(subject: Subject, stock: IntArray, T: Array, n: int, camera: Array) ->
 def _outside_hole(subject: Subject, stock: IntArray, n: int, config: PairConfig, rng: np.random.Generator) -> IntArray:
     """The rows of the stock outside of a random ball of the rest pose; all of them if fewer than n would be left."""
     points = subject.points[stock]
-    radius = rng.uniform(*config.hole_radius) * float(np.sqrt(points.var(axis=0).sum()))
+    radius = rng.uniform(*config.hole_radius) * rms_radius(points)
     outside = stock[np.linalg.norm(points - points[rng.integers(len(points))], axis=1) > radius]
     return outside if len(outside) >= n else stock

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rearticulate.geometry.nearest import rms_radius
 from rearticulate.geometry.se3 import exp_se3, inverse, log_se3, rotate, transform
 from rearticulate.records import GroundTruth, PointSequence
 from rearticulate.synth.trajectories import random_directions, root_walk
@@ -138,7 +139,7 @@ def stepped_pair(
     """
     rng = np.random.default_rng(seed)
     T = truth.poses[frame]
-    radius = float(np.sqrt(sequence.points[frame].var(axis=0).sum()))
+    radius = rms_radius(sequence.points[frame])
     stepped = _step(truth.poses, truth.parent, frame, np.deg2rad(step_deg), radius, rng)
     cloud, labels = _fuse(sequence, truth, T)
     rows = rng.permutation(len(cloud))[: 2 * n]

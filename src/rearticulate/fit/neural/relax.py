@@ -140,6 +140,7 @@ def relax_neural(
     flow: one record a pair of neighbouring frames. start: a model whose labels and poses the fit begins with; without
     it all parts begin at rest, as `config.start` says. On one thread, so that the same rng gives the same bits.
     """
+    progress("relax", 0.0)
     scene = make_scene(frames, canonical, flow, config.radius)
     generator = torch.Generator().manual_seed(int(rng.integers(2**63)))
     with threadpool_limits(1):
@@ -148,7 +149,12 @@ def relax_neural(
             model.start_from(scene, start.labels[frames.rows(canonical)], start.T)
         elif config.start == "cells":
             fit_labels(model.field, model.points, torch.from_numpy(cells(scene.canonical_points, config.parts)), config)
-        descend(model, scene, config, progress)
+        told = 0
+        for done in descend(model, scene, config):
+            if done * REPORTS > told:
+                progress("relax", done)
+                told += 1
+        progress("relax", 1.0)
         labels, T = model.labels(), scene.poses_out(model.motions())
     T[canonical] = np.eye(4)
     relaxed = Relaxed(T, spread_labels(frames, canonical, T, labels))
@@ -161,8 +167,9 @@ def cells(points: Array, count: int) -> IntArray:
     return nearest(search_tree(nodes), points)[1]
 
 
-def descend(model: Model, scene: Scene, config: NeuralConfig, progress: Callable[[str, float], None]) -> None:
-    """Adam on the energy of `energies`, with the temperature and the rates of the paper."""
+def descend(model: Model, scene: Scene, config: NeuralConfig) -> Iterator[float]:
+    """Adam on the energy of `energies`, with the temperature and the rates of the paper. Yields the share done after
+    every iteration."""
     rates = [config.rate_field if config.field else config.rate_poses, config.rate_poses]
     optimiser = torch.optim.Adam(
         [{"params": model.field.parameters()}, {"params": [model.poses]}], lr=rates[0], foreach=True
@@ -170,14 +177,12 @@ def descend(model: Model, scene: Scene, config: NeuralConfig, progress: Callable
     count = config.chamfer_iterations + config.emd_iterations
     for i, energy in enumerate(energies(scene, config)):
         done = i / count
-        if i % max(1, count // REPORTS) == 0:
-            progress("relax", done)
         for group, rate in zip(optimiser.param_groups, rates, strict=True):
             group["lr"] = cosine(rate, config.rate_end * rate, done)
         optimiser.zero_grad()
         energy(model(cosine(config.temperature, config.temperature_end, done))).backward()
         optimiser.step()
-    progress("relax", 1.0)
+        yield (i + 1) / count
 
 
 def energies(scene: Scene, config: NeuralConfig) -> Iterator[Energy]:
