@@ -10,7 +10,7 @@ from rearticulate.config import TrackConfig
 from rearticulate.fit.frames import make_frames
 from rearticulate.fit.guess import Guesses
 from rearticulate.fit.kabsch import robust_kabsch
-from rearticulate.fit.track import make_patches
+from rearticulate.fit.track import make_patches, track
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.synth.articulated import record
 from rearticulate.synth.objects import arm
@@ -48,6 +48,17 @@ def test_guessed_poses_follow_a_large_step():
     before = np.linalg.norm(patches.points - target, axis=1)
     assert np.quantile(error, 0.9) < 0.5 * np.quantile(before, 0.9)
     np.testing.assert_allclose(T @ inverse(T), np.broadcast_to(np.eye(4), T.shape), atol=1e-9)
+
+
+def test_another_start_must_fit_better_by_a_margin():
+    """Frames too far apart for tracking from rest: another start fits better, but not by any margin."""
+    sequence, _ = record(arm(), frames=3, points=2000, step_deg=50, start="middle", seed=0)
+    frames = make_frames(sequence.points)
+    never = track(frames, 0, TrackConfig(bad_cost=np.inf, unusual=np.inf))
+    unreachable = track(frames, 0, TrackConfig(bad_cost=0.0, gain=np.inf))
+    taken = track(frames, 0, TrackConfig(bad_cost=0.0))
+    np.testing.assert_array_equal(unreachable.T, never.T)
+    assert np.abs(taken.T - never.T).max() > 1.0
 
 
 def test_sparse_frames_are_not_asked():

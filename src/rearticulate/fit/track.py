@@ -226,7 +226,7 @@ def _register_with_rescue(frames, patches, f, starts, edge_weight, usual_cost, c
         for start, reach in [(make(), 1.0) for make in starts[1:]] + [(first, 2.0)]:
             T_new, gap_new = register_patches(frames, patches, f, start, edge_weight, config, reach)
             cost_new = _two_sided_cost(frames, patches, T_new, f)
-            if cost_new < cost:
+            if cost_new < cost - config.gain:
                 T, gap, cost = T_new, gap_new, cost_new
     return T, gap, cost
 
