@@ -9,7 +9,7 @@ import platform
 import subprocess
 from dataclasses import asdict
 from datetime import datetime, timezone
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from rearticulate.config import FitConfig
@@ -29,6 +29,7 @@ _CODE = (
     "synth",
 )
 _KINDS = (".py", ".safetensors")
+_LIBRARIES = ("numpy", "scipy", "numba", "torch")
 
 
 def config_hash(config: FitConfig) -> str:
@@ -60,8 +61,16 @@ def stamp(configs: dict[str, FitConfig], seed: int, jobs: int) -> dict[str, str]
         "seed": str(seed),
         "jobs": str(jobs),
         "machine": f"{_cpu()}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}",
-        "libraries": ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba")),
+        "libraries": ", ".join(f"{name} {found}" for name in _LIBRARIES if (found := _installed(name))),
     }
+
+
+def _installed(name: str) -> str:
+    """Version of a package, empty if it is absent."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
 
 
 def _commit() -> str:
