@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 
 import numpy as np
 import pytest
@@ -46,6 +47,17 @@ def test_the_first_job_runs_here():
     assert [job for job, _ in found] == jobs
     assert found[0][1] == os.getpid()
     assert side_by_side(where, refuse, [2]) == [(2, os.getpid())]  # one job needs no other process
+
+
+def slow_where(job):
+    time.sleep(0.2 if job == 0 else 2.0)
+    return where(job)
+
+
+def test_whoever_is_free_takes_the_next(monkeypatch):
+    monkeypatch.setattr(parallel.os, "cpu_count", lambda: 2)
+    found = side_by_side(lambda job: slow_where(job) if job == 0 else where(job), slow_where, [0, 1, 2, 3])
+    assert [pid == os.getpid() for _, pid in found] == [True, False, True, True]
 
 
 def test_an_error_elsewhere_is_raised_here_and_later_work_goes_on():

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -18,21 +20,41 @@ def _alone(work: Callable[[Any], Any], job: Any) -> Any:
 
 
 def side_by_side(here: Callable[[Job], Any], elsewhere: Callable[[Job], Any], jobs: Sequence[Job]) -> list[Any]:
-    """Results of the jobs, in order. The first runs in this process by `here` (which may report progress), the others
-    by `elsewhere` (picklable) in further processes; the last is taken back if nobody has begun it by then."""
-    cores = os.cpu_count() or 1
-    if len(jobs) < 2 or cores < 2:
+    """Results of the jobs, in order. The first runs in this process by `here` (which may report progress); whoever is
+    free takes the next, this process by `here`, others by `elsewhere` (picklable)."""
+    workers = min(os.cpu_count() or 1, len(jobs)) - 1
+    if workers < 1:
         return [_alone(here, job) for job in jobs]
     from loky import get_reusable_executor
 
-    executor = get_reusable_executor(max_workers=min(cores, len(jobs)) - 1, timeout=60)
-    futures = [executor.submit(_alone, elsewhere, job) for job in jobs[1:]]
-    try:
-        results = [_alone(here, jobs[0])]
-        if futures[-1].cancel():
-            taken = _alone(here, jobs[-1])
-            return results + [f.result() for f in futures[:-1]] + [taken]
-        return results + [f.result() for f in futures]
-    except BaseException:
-        executor.shutdown(wait=False, kill_workers=True)
-        raise
+    executor = get_reusable_executor(max_workers=workers, timeout=60)
+    waiting, results = deque(enumerate(jobs)), {}
+
+    def work_off(run: Callable[[Job], Any]) -> None:
+        try:
+            while True:
+                try:
+                    i, job = waiting.popleft()
+                except IndexError:
+                    return  # all are taken
+                results[i] = run(job)
+        except BaseException:
+            waiting.clear()
+            raise
+
+    _, first = waiting.popleft()
+    with ThreadPoolExecutor(workers) as errands:  # one thread hands out the jobs of one process, and waits for it
+        try:
+            others = [
+                errands.submit(work_off, lambda job: executor.submit(_alone, elsewhere, job).result())
+                for _ in range(workers)
+            ]
+            results[0] = _alone(here, first)
+            work_off(lambda job: _alone(here, job))
+            for other in others:
+                other.result()
+        except BaseException:
+            waiting.clear()
+            executor.shutdown(wait=False, kill_workers=True)
+            raise
+    return [results[i] for i in range(len(jobs))]
