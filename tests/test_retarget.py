@@ -124,6 +124,27 @@ def test_joints_that_nothing_constrains_stay_put():
     assert found.q[1] == pytest.approx(0.5, abs=1e-3)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_from_a_present_posture_only_what_is_dragged_moves(seed):
+    model = random_model(seed)
+    q, root = random_pose(model, seed, turn=0.3)
+    leaf = int(np.setdiff1d(np.arange(model.n_parts), model.parent)[-1])
+    rows = np.flatnonzero(model.labels == leaf)[:3]
+    here = transform(model.forward(q, root)[model.labels[rows]], model.points[rows])
+    part = model.labels[rows]
+    same = retarget(model, model.points[rows], here, part=part, free_root=False, q=q, T_world_root=root)
+    np.testing.assert_allclose(same.q[1:], q[1:], atol=1e-4)
+    np.testing.assert_allclose(same.T_world_root, root, atol=1e-9)
+    above = {leaf}
+    for j in range(model.n_parts - 1, 0, -1):
+        if j in above:
+            above.add(int(model.parent[j]))
+    others = [j for j in range(1, model.n_parts) if j not in above]
+    there = here + 0.01 * np.ptp(model.points)
+    moved_on = retarget(model, model.points[rows], there, part=part, free_root=False, q=q, T_world_root=root)
+    np.testing.assert_array_equal(moved_on.q[others], q[others])
+
+
 def test_a_wrong_pair_does_no_harm():
     model = arm()
     q = np.array([0, 0.9, -0.5])
@@ -205,6 +226,7 @@ def test_the_point_jacobian_is_the_derivative(seed):
         twists=model.twists,
         limits=model.limits,
         rest=np.zeros(model.n_parts),
+        held=np.zeros(model.n_parts),
         span=np.ones(model.n_parts),
         path=np.eye(model.n_parts, dtype=bool),
         source=model.points[rows],

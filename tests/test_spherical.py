@@ -55,6 +55,17 @@ def test_values_have_places():
     np.testing.assert_array_equal(model.forward(np.zeros(8)), np.broadcast_to(np.eye(4), (4, 4, 4)))
 
 
+def test_hinges_in_place_of_balls_and_back():
+    single, rng = single_valued(ball_model()), np.random.default_rng(3)
+    q = rng.normal(size=(20, 8))
+    q[:, 0] = 0
+    hinges = single.hinges(q)
+    T = single.model.forward(hinges)[:, single.number]
+    np.testing.assert_allclose(T, single.original.forward(q), atol=1e-9)
+    for row, own in zip(hinges, q, strict=True):
+        np.testing.assert_allclose(single.original.forward(single.back(row)), single.original.forward(own), atol=1e-9)
+
+
 def test_a_ball_turns_about_its_centre_by_its_rotation_vector():
     model, rng = ball_model(), np.random.default_rng(1)
     q = rng.normal(size=(5, 8))

@@ -33,7 +33,8 @@ TOLERANCE = 1e-10  # relative decrease of the energy at which a start has conver
 class PoseProblem:
     """What stays the same for all starts, in sizes of the object.
 
-    parent (P,), twists (P, 6), rest (P,), limits (P, 2), span (P,): the tree; source, target: (K, 3).
+    parent (P,), twists (P, 6), rest (P,), limits (P, 2), span (P,): the tree; held (P,): values of joints that move no
+    source point; source, target: (K, 3).
     path: (P, P) True where joint j moves part i. free_root: whether the root pose is an unknown.
     """
 
@@ -41,6 +42,7 @@ class PoseProblem:
     twists: Array
     limits: Array
     rest: Array
+    held: Array
     span: Array
     path: BoolArray
     source: Array
@@ -71,9 +73,9 @@ class Starts:
 
 
 def start(problem: PoseProblem, q: Array, root: Array, part: IntArray) -> Starts:
-    """Starts from guesses; joints that move no source point are set to zero and stay there."""
+    """Starts from guesses; joints that move no source point are held where they are."""
     used = problem.path[part].any(axis=1)
-    return Starts(np.where(used, q, 0.0), root, part, np.full(len(q), np.inf), np.zeros(len(q), dtype=bool))
+    return Starts(np.where(used, q, problem.held), root, part, np.full(len(q), np.inf), np.zeros(len(q), dtype=bool))
 
 
 def solve(problem: PoseProblem, starts: Starts, sigma: float, max_iterations: int) -> Starts:

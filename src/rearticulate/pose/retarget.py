@@ -46,29 +46,46 @@ def retarget(
     part: IntArray | None = None,
     free_root: bool = True,
     seed: int = 0,
+    q: Array | None = None,
+    T_world_root: Array | None = None,
 ) -> RetargetResult:
     """Joint values and root pose that bring source points (K, 3) of the canonical frame to their targets (K, 3).
 
     part: (K,) parts of the source points; without it `model.part_of`, corrected where a point lies at a seam and the
-    other part explains its target better. free_root: False keeps the root where it is in the canonical frame.
-    The loss is robust, so a few wrong pairs do no harm. Joints that move no source point stay at zero.
+    other part explains its target better. free_root: False keeps the root where it is. q (D,), T_world_root (4, 4):
+    the present posture, that of the canonical frame when absent; joints that move no source point stay there. With q
+    the answer is the one nearest to it, for dragging: no other is looked for.
+    The loss is robust, so a few wrong pairs do no harm.
     """
     if "spherical" in model.joint_type:
         hinges = single_valued(model)
         own = None if part is None else hinges.number[_parts(model, part, len(np.asarray(source_points)))]
-        found = retarget(hinges.model, source_points, target_points, part=own, free_root=free_root, seed=seed)
+        present = None if q is None else hinges.hinges(np.asarray(q, dtype=np.float64)[None])[0]
+        found = retarget(
+            hinges.model,
+            source_points,
+            target_points,
+            part=own,
+            free_root=free_root,
+            seed=seed,
+            q=present,
+            T_world_root=T_world_root,
+        )
         known = np.searchsorted(hinges.number, found.part)
         return replace(found, q=hinges.back(found.q), part=known)
     source, target = _points("source", source_points), _points("target", target_points)
     if source.shape != target.shape:
         raise InputError(f"{len(source)} source points but {len(target)} target points: they must come in pairs")
     labels = model.part_of(source) if part is None else _parts(model, part, len(source))
-    scale = _Scale.of(model)
-    problem = _problem(model, scale, source, target, free_root)
-    best = _descend(problem, _first_guesses(problem, labels, np.random.default_rng(seed)))
+    scale, root = _Scale.of(model), np.eye(4) if T_world_root is None else np.asarray(T_world_root, dtype=np.float64)
+    here = transform(inverse(root), target)  # the root's motion is sought from where it is
+    problem = _problem(model, scale, source, here, free_root, None if q is None else _values(model, q))
+    guesses = _first_guesses(problem, labels, np.random.default_rng(seed)) if q is None else _present(problem, labels)
+    best = _descend(problem, guesses)
     if part is None:
         best = _relabel(problem, best, _alternatives(model, source, labels))
-    return _result(model, scale, problem, best)
+    found = _result(model, scale, problem, best)
+    return replace(found, T_world_root=root @ found.T_world_root)
 
 
 def _points(name: str, points: Array) -> Array:
@@ -91,6 +108,13 @@ def _parts(model: KinematicModel, part: IntArray, K: int) -> IntArray:
     return labels.astype(np.int64)
 
 
+def _values(model: KinematicModel, q: Array) -> Array:
+    values = np.asarray(q, dtype=np.float64)
+    if values.shape != (model.n_parts,) or not np.isfinite(values).all():
+        raise InputError(f"q has shape {values.shape}: give one finite joint value a part, shape ({model.n_parts},)")
+    return values
+
+
 @dataclass(frozen=True)
 class _Scale:
     """The solver's private units: origin at the middle of the canonical cloud, its bounding box diagonal as unit."""
@@ -107,7 +131,9 @@ class _Scale:
         return (points - self.centre) / self.size
 
 
-def _problem(model: KinematicModel, scale: _Scale, source: Array, target: Array, free_root: bool) -> PoseProblem:
+def _problem(
+    model: KinematicModel, scale: _Scale, source: Array, target: Array, free_root: bool, q: Array | None
+) -> PoseProblem:
     twists = model.twists.copy()
     for j in np.flatnonzero(twists[:, :3].any(axis=1)):
         twists[j, 3:] = np.cross(scale.shrink(model.origin[j]), model.axis[j])
@@ -120,7 +146,8 @@ def _problem(model: KinematicModel, scale: _Scale, source: Array, target: Array,
         parent=model.parent,
         twists=twists,
         limits=limits,
-        rest=limits.mean(axis=1),
+        rest=limits.mean(axis=1) if q is None else q / _units(model, scale),
+        held=np.zeros(model.n_parts) if q is None else q / _units(model, scale),
         span=np.maximum(limits[:, 1] - limits[:, 0], MIN_SPAN),
         path=path,
         source=scale.shrink(source),
@@ -144,6 +171,11 @@ def _first_guesses(problem: PoseProblem, part: IntArray, rng: np.random.Generato
         known = own if own.sum() >= 3 else np.ones_like(own)  # the root's own points tell its pose, if there are enough
         root[1::2] = kabsch(problem.source[known], problem.target[known])
     return _with_led(problem, q, root, np.tile(part, (len(q), 1)))
+
+
+def _present(problem: PoseProblem, part: IntArray) -> Starts:
+    """The present posture."""
+    return _with_led(problem, problem.held[None], np.eye(4)[None], part[None])
 
 
 def _with_led(problem: PoseProblem, q: Array, root: Array, part: IntArray) -> Starts:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rearticulate.geometry.se3 import exp_se3, log_so3
 from rearticulate.records import Array, IntArray, JointType, KinematicModel
@@ -20,6 +21,17 @@ class SingleValued:
     original: KinematicModel
     model: KinematicModel
     number: IntArray
+
+    def hinges(self, q: Array) -> Array:
+        """Joint values (F, D) of the original -> (F, P') of the hinges."""
+        own = self.original
+        out = np.zeros((len(q), self.model.n_parts))
+        for j, k in enumerate(self.number):
+            if own.joint_type[j] == "spherical":
+                out[:, k - 2 : k + 1] = Rotation.from_rotvec(q[:, own.values(j)]).as_euler("XYZ")
+            else:
+                out[:, k] = q[:, j]
+        return out
 
     def back(self, q: Array) -> Array:
         """Joint values (P',) of the hinges -> (D,) of the original."""

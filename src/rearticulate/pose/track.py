@@ -1,0 +1,238 @@
+"""Joint values, root pose and labels for new scans of an object whose model is known: no correspondences are given.
+
+Every scan starts from all recorded postures, from the one found before, and from the matches of the network; the starts
+that fit best are registered, points to planes both ways, under a robust scale that shrinks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rearticulate.errors import InputError
+from rearticulate.fit.frames import Frames, make_frames
+from rearticulate.fit.guess import Guesses
+from rearticulate.fit.register import geman_mcclure, match, normal_equations
+from rearticulate.geometry.kinematics import forward_kinematics, joint_jacobian
+from rearticulate.geometry.nearest import nearest, search_tree
+from rearticulate.geometry.se3 import exp_se3, from_unit, rotate, to_unit, transform
+from rearticulate.pose.fuse import fuse
+from rearticulate.pose.retarget import retarget
+from rearticulate.pose.search import Tree, beam_search
+from rearticulate.pose.single import SingleValued, single_valued
+from rearticulate.records import FitResult, KinematicModel, Motion, PointSequence
+
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
+
+BUDGET = 8000  # points of the model, from all its frames
+MATCHES = 400  # of the network, that lead one start
+FEW = 600  # points that choose among the starts
+STARTS = 4  # that are registered
+ROUNDS = 24
+SIGMA, SIGMA_END = 8.0, 0.56  # robust scale of a point, first and last, in spacings
+REACH = 3.0  # scales beyond which a point has no counterpart
+CAP = 3.0  # spacings; a point that is farther off counts as this far
+DAMPING = np.array([3.5] * 3 + [1e-2] * 3)  # of the root; a joint that nothing holds stays
+DAMP_JOINT = 0.05
+MAX_TURN, MAX_SHIFT = 0.15, 18.0  # in one round, rad and spacings
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """motion: q (F, D), T_world_root (F, 4, 4). labels: one (N_f,) array a scan. residual: (F,) mean distance of each
+    scan's points to the model, m."""
+
+    motion: Motion
+    labels: tuple[IntArray, ...]
+    residual: Array
+
+
+def track(
+    result: FitResult,
+    recorded: PointSequence,
+    scans: PointSequence,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Tracked:
+    """Postures of new scans of the object of a result. recorded: the sequence it was fitted to.
+
+    Raises InputError on a scan with fewer than 50 points.
+    """
+    single = single_valued(result.model)
+    q_seen, root_seen = single.hinges(result.motion.q), result.motion.T_world_root
+    points, labels = thinned_body(result, recorded, single)
+    q, roots, found, residual = [], [], [], []
+    for f, cloud in enumerate(scans.points):
+        if len(cloud) < 50:
+            raise InputError(f"{scans.names[f]}: {len(cloud)} points are too few, at least 50 are needed")
+        scan = Scan(single.model, make_frames([points, cloud]), labels)
+        starts = [scan.posture(*seen) for seen in zip([*q[-1:], *q_seen], [*roots[-1:], *root_seen], strict=True)]
+        best = scan.register(starts)
+        q_own, root = scan.metric(best)
+        q.append(q_own)
+        roots.append(root)
+        own, distance = scan.labels_of_scan(best)
+        found.append(np.searchsorted(single.number, own))
+        residual.append(float(distance.mean()))
+        progress((f + 1) / len(scans))
+    motion = Motion(np.array([single.back(row) for row in q]), np.array(roots))
+    return Tracked(motion, tuple(found), np.array(residual))
+
+
+def thinned_body(result: FitResult, recorded: PointSequence, single: SingleValued) -> tuple[Array, IntArray]:
+    """At most BUDGET points (n, 3) of all frames in the canonical pose, and their links (n,)."""
+    clouds = fuse(result, recorded)
+    points = np.concatenate(clouds)
+    labels = np.repeat(single.number, [len(cloud) for cloud in clouds])
+    rows = np.random.default_rng(0).permutation(len(points))[:BUDGET]
+    return points[rows], labels[rows]
+
+
+@dataclass(frozen=True)
+class Posture:
+    """q (P,) and T_root (4, 4) in the units of a scan's frames."""
+
+    q: Array
+    T_root: Array
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A model and one scan, as frames 0 and 1. link: (n,) link of each model point, as they were given."""
+
+    model: KinematicModel
+    frames: Frames
+    link: IntArray
+
+    @cached_property
+    def body(self) -> tuple[Array, Array, IntArray]:
+        """Points, normals and links of the model."""
+        rows = self.frames.rows(0)
+        return self.frames.points[rows], self.frames.normals[rows], self.link[self.frames.order[rows]]
+
+    @cached_property
+    def cloud(self) -> tuple[Array, Array]:
+        """Points and normals of the scan."""
+        rows = self.frames.rows(1)
+        return self.frames.points[rows], self.frames.normals[rows]
+
+    @cached_property
+    def twists(self) -> Array:
+        """(P, 6) of the model in the units of the frames."""
+        twists = self.model.twists.copy()
+        origin = (self.model.origin - self.frames.centre) / self.frames.unit
+        turning = twists[:, :3].any(axis=1)
+        twists[turning, 3:] = np.cross(origin[turning], self.model.axis[turning])
+        return twists
+
+    @cached_property
+    def slides(self) -> NDArray[np.bool_]:
+        return np.array([kind == "prismatic" for kind in self.model.joint_type])
+
+    def posture(self, q: Array, T_world_root: Array) -> Posture:
+        """From metres and radians."""
+        unit, centre = self.frames.unit, self.frames.centre
+        return Posture(np.where(self.slides, q / unit, q), to_unit(T_world_root, unit, centre))
+
+    def metric(self, posture: Posture) -> tuple[Array, Array]:
+        """Back to metres and radians."""
+        unit, centre = self.frames.unit, self.frames.centre
+        return np.where(self.slides, posture.q * unit, posture.q), from_unit(posture.T_root, unit, centre)
+
+    def forward(self, posture: Posture) -> Array:
+        """(P, 4, 4) poses of the links."""
+        return forward_kinematics(self.model.parent, self.twists, posture.q, posture.T_root)
+
+    def register(self, starts: list[Posture]) -> Posture:
+        """The posture that fits the scan best."""
+        led = self.led_by_network()
+        starts = starts + led + self.searched([*starts[:1], *led])
+        starts = sorted(starts, key=lambda start: self.misfit(start, FEW))[:STARTS]
+        ends = [self.refined(start) for start in starts]
+        return min(ends, key=self.misfit)
+
+    def searched(self, roots: list[Posture]) -> list[Posture]:
+        """What a search along the tree finds from some root poses."""
+        points, _, link = self.body
+        own = tuple(points[link == p] for p in range(self.model.n_parts))
+        limits = np.where(self.slides[:, None], self.model.limits / self.frames.unit, self.model.limits)
+        tree = Tree(self.model.parent, self.twists, limits, own)
+        q, root = beam_search(tree, self.frames.trees[1], np.array([posture.T_root for posture in roots]))
+        return [Posture(*found) for found in zip(q, root, strict=True)]
+
+    def led_by_network(self) -> list[Posture]:
+        """Where the matches of the correspondence network lead, if both clouds have enough points for it."""
+        guesses = Guesses(self.frames)
+        if not guesses.possible(0, 1):
+            return []
+        flow = guesses.flow(0, 1)
+        rows = np.random.default_rng(0).permutation(len(flow.anchors))[:MATCHES]
+        unit, centre = self.frames.unit, self.frames.centre
+        source, vector = flow.anchors[rows] * unit + centre, flow.vectors[rows] * unit
+        points, _, link = self.body
+        own = link[nearest(search_tree(points), flow.anchors[rows])[1]]
+        found = retarget(self.model, source, source + vector, part=own)
+        return [self.posture(found.q, found.T_world_root)]
+
+    def refined(self, posture: Posture) -> Posture:
+        """Gauss-Newton rounds with new counterparts in each."""
+        for i in range(ROUNDS):
+            sigma = SIGMA * (SIGMA_END / SIGMA) ** (i / (ROUNDS - 1))
+            posture = self.step(posture, sigma)
+        return posture
+
+    def step(self, posture: Posture, sigma: float) -> Posture:
+        """One damped step of joint values and root pose."""
+        T = self.forward(posture)
+        H, g = self.equations(T, sigma)
+        J = np.concatenate([joint_jacobian(self.model.parent, self.twists, T), np.tile(np.eye(6), (len(T), 1, 1))], -1)
+        A = np.einsum("pia,pij,pjb->ab", J, H, J)
+        damping = np.concatenate([np.where(self.slides, DAMPING[3:].mean(), DAMP_JOINT), DAMPING])
+        step = -np.linalg.solve(A + np.diag(damping), np.einsum("pia,pi->a", J, g))
+        limit = np.concatenate([np.where(self.slides, MAX_SHIFT, MAX_TURN), [MAX_TURN] * 3, [MAX_SHIFT] * 3])
+        step = np.clip(step, -limit, limit)
+        return Posture(posture.q + step[:-6], exp_se3(step[-6:]) @ posture.T_root)
+
+    def equations(self, T: Array, sigma: float) -> tuple[Array, Array]:
+        """Normal equations H (P, 6, 6), g (P, 6) over left twists of the links: model onto scan, scan onto model."""
+        x, nx, link = self.body
+        cloud, normals = self.cloud
+        y, ny = transform(T[link], x), rotate(T[link], nx)
+        z, nz, d, r, agreement = match(self.frames.trees[1], normals, y, ny)
+        w = _weights(r, d, agreement, sigma)
+        H, g = normal_equations(y, z, nz, w, 0.1 * w, link, len(T))
+        d, j = nearest(search_tree(y), cloud)
+        r, agreement = np.einsum("ij,ij->i", y[j] - cloud, normals), np.abs(np.einsum("ij,ij->i", ny[j], normals))
+        w = _weights(r, d, agreement, sigma)
+        H2, g2 = normal_equations(y[j], cloud, normals, w, 0.1 * w, link[j], len(T))
+        return H + H2, g + g2
+
+    def misfit(self, posture: Posture, count: int | None = None) -> float:
+        """Mean capped distance both ways, of all points or of `count`."""
+        x, _, link = self.body
+        cloud, _ = self.cloud
+        y = transform(self.forward(posture)[link], x)
+        some = slice(None, None, 1 if count is None else max(1, len(y) // count))
+        here = nearest(self.frames.trees[1], y[some], within=CAP)[0]
+        some = slice(None, None, 1 if count is None else max(1, len(cloud) // count))
+        there = nearest(search_tree(y), cloud[some], within=CAP)[0]
+        return float(np.minimum(here, CAP).mean() + np.minimum(there, CAP).mean())
+
+    def labels_of_scan(self, posture: Posture) -> tuple[IntArray, Array]:
+        """Link (N,) of every point of the scan in the scan's own order, and its distance to the model, m."""
+        x, _, link = self.body
+        cloud, _ = self.cloud
+        d, j = nearest(search_tree(transform(self.forward(posture)[link], x)), cloud)
+        own = self.frames.order[self.frames.rows(1)] - len(x)
+        labels, distance = np.empty(len(cloud), dtype=np.int64), np.empty(len(cloud))
+        labels[own], distance[own] = link[j], d * self.frames.unit
+        return labels, distance
+
+
+def _weights(r: Array, d: Array, agreement: Array, sigma: float) -> Array:
+    w = geman_mcclure(r * r + 0.1 * d * d, sigma) * np.where(agreement > 0.4, agreement, 0.05)
+    return w * (d < REACH * max(sigma, 1.0))
