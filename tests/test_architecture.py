@@ -13,13 +13,15 @@ import rearticulate
 
 ROOT = Path(rearticulate.__file__).parent
 LAYERS = [
-    {"errors", "parallel"},
+    {"errors", "extras", "parallel"},
     {"geometry"},
     {"records"},
     {"config"},
     {"io", "fit", "network", "pose", "evaluate", "synth"},
     {"results"},
     {"pipeline"},
+    {"shape"},
+    {"export"},
     {"report", "bench"},
     {"commands"},
     {"cli"},

@@ -80,6 +80,33 @@ def fit(
     run_fit(source, output, options, scale, max_points, json)
 
 
+@app.command()
+@reported
+def export(
+    result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a result.")],
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder. [default: OUT/export]")] = None,
+    formats: Annotated[str, typer.Option("--format", help="Which, separated by commas.")] = "urdf,mjcf,usd,gltf,ply",
+    name: Annotated[str | None, typer.Option(help="Of the robot and its files. [default: that of OUT]")] = None,
+    margin: Annotated[float, typer.Option(help="What joints may do beyond their observed range, a share of it.")] = 0.1,
+    density: Annotated[float, typer.Option(help="kg/m^3.")] = 500.0,
+    floating: Annotated[bool, typer.Option("--floating", help="The root may move freely.")] = False,
+    up: Annotated[str, typer.Option(metavar="[-]x|y|z", help="Axis against gravity.")] = "z",
+    collision: Annotated[
+        str, typer.Option(metavar="pieces|hull", help="Convex pieces, or one hull a part.")
+    ] = "pieces",
+    max_faces: Annotated[int, typer.Option(help="Triangles of one part.")] = 4000,
+    effort: Annotated[float, typer.Option(help="Limit of a joint in the URDF, N m or N.")] = 100.0,
+    velocity: Annotated[float, typer.Option(help="Limit of a joint in the URDF, rad/s or m/s.")] = 10.0,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier export.")] = False,
+    json: Json = False,
+) -> None:
+    """Write a result for simulators and viewers: URDF, MJCF, USD, glTF, PLY."""
+    from rearticulate.commands.exporting import ExportOptions, export_config, run_export
+
+    config = export_config(margin, density, floating, up, collision, max_faces, effort, velocity)
+    run_export(result, output, ExportOptions(formats, name, overwrite), config, json)
+
+
 @app.command("eval")
 @reported
 def evaluate(

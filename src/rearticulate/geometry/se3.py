@@ -47,8 +47,8 @@ def exp_se3(twist: Array) -> Array:
     return T
 
 
-def log_so3(R: Array) -> Array:
-    """Rotation (..., 3, 3) -> rotation vector (..., 3), stable at 0 and at a half turn (through the quaternion)."""
+def quat_wxyz(R: Array) -> Array:
+    """Rotation (..., 3, 3) -> unit quaternion (..., 4), scalar first and not negative."""
     R = np.asarray(R, dtype=np.float64)
     trace = np.trace(R, axis1=-2, axis2=-1)
     diagonal = np.diagonal(R, axis1=-2, axis2=-1)
@@ -63,7 +63,12 @@ def log_so3(R: Array) -> Array:
     best = np.concatenate([trace[..., None], diagonal], -1).argmax(-1)
     quat = np.take_along_axis(q, best[..., None, None], -2)[..., 0, :]
     quat /= np.linalg.norm(quat, axis=-1, keepdims=True)
-    quat *= np.where(quat[..., :1] < 0, -1.0, 1.0)
+    return quat * np.where(quat[..., :1] < 0, -1.0, 1.0)
+
+
+def log_so3(R: Array) -> Array:
+    """Rotation (..., 3, 3) -> rotation vector (..., 3), stable at 0 and at a half turn (through the quaternion)."""
+    quat = quat_wxyz(R)
     s = np.linalg.norm(quat[..., 1:], axis=-1, keepdims=True)
     angle = 2 * np.arctan2(s, quat[..., :1])
     return quat[..., 1:] * np.where(s < 1e-12, 2.0, angle / np.maximum(s, 1e-12))

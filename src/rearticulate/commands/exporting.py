@@ -1,0 +1,118 @@
+"""`export`: a result becomes files for simulators and viewers."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rearticulate.commands.outcome import say
+from rearticulate.commands.show import print_json
+from rearticulate.errors import InputError
+from rearticulate.export.robot import ExportConfig, Robot, make_robot
+from rearticulate.export.write import FORMATS, export
+from rearticulate.extras import needs
+from rearticulate.io.atomic import atomic_folder
+from rearticulate.io.model import load_result, load_sequence_of
+from rearticulate.report.summary import jsonable
+from rearticulate.shape.body import ShapeConfig
+
+MARK = "export.json"  # in every folder that we wrote, and may replace
+
+
+@dataclasses.dataclass(frozen=True)
+class ExportOptions:
+    """What the command line says about an export."""
+
+    formats: str = ",".join(FORMATS)
+    name: str | None = None
+    overwrite: bool = False
+
+    def chosen(self) -> list[str]:
+        """The formats, each once."""
+        names = list(dict.fromkeys(text.strip().lower() for text in self.formats.split(",") if text.strip()))
+        unknown = [name for name in names if name not in FORMATS]
+        if unknown or not names:
+            raise InputError(f"--format {self.formats}: choose from {', '.join(FORMATS)}")
+        return names
+
+
+def export_config(
+    margin: float,
+    density: float,
+    floating: bool,
+    up: str,
+    collision: str,
+    max_faces: int,
+    effort: float,
+    velocity: float,
+) -> ExportConfig:
+    """The settings, checked."""
+    for option, value in (("margin", margin), ("density", density), ("effort", effort), ("velocity", velocity)):
+        if not (math.isfinite(value) and value >= 0 and (value > 0 or option == "margin")):
+            raise InputError(f"--{option} {value:g}: must be a positive number")
+    if up.removeprefix("-") not in ("x", "y", "z"):
+        raise InputError(f"--up {up}: must be x, y or z, or one of these with a minus")
+    if collision not in ("pieces", "hull"):
+        raise InputError(f"--collision {collision}: must be pieces or hull")
+    if max_faces < 100:
+        raise InputError(f"--max-faces {max_faces}: must be 100 at least")
+    shape = ShapeConfig(max_faces=max_faces, density=density, collision=collision)  # type: ignore[arg-type]
+    return ExportConfig(shape, margin, floating, up, effort=effort, velocity=velocity)
+
+
+def run_export(source: Path, out: Path | None, options: ExportOptions, config: ExportConfig, as_json: bool) -> None:
+    """The command `export`."""
+    chosen, out = options.chosen(), source / "export" if out is None else out
+    result, sequence = load_result(source), load_sequence_of(source)
+    check_export(out, options.overwrite)
+    with needs("export"):
+        robot = make_robot(result, sequence, options.name or source.resolve().name, config)
+        with atomic_folder(out) as partial:
+            files = [path.relative_to(partial) for path in export(robot, partial, chosen, config)]
+            facts = describe(robot, config)
+            (partial / MARK).write_text(json.dumps(jsonable(facts), indent=2) + "\n", encoding="utf-8")
+    _tell(out, chosen, files, facts, as_json)
+
+
+def _tell(out: Path, chosen: Sequence[str], files: Sequence[Path], facts: dict[str, Any], as_json: bool) -> None:
+    for link in facts["links"]:
+        if link["note"]:
+            say(f"note: {link['name']}: {link['note']}")
+    if as_json:
+        print_json({"out": str(out), "files": [str(path) for path in files], **facts})
+    else:
+        print("\n".join(f"{kind:<8}{out / path}" for kind, path in zip(chosen, files, strict=True)))
+
+
+def check_export(out: Path, overwrite: bool) -> None:
+    """An InputError unless an export may be written there."""
+    if not out.exists():
+        return
+    if not out.is_dir():
+        raise InputError(f"{out}: exists and is not a folder")
+    if any(out.iterdir()) and not (out / MARK).exists():
+        raise InputError(f"{out}: not empty and not an earlier export, so it is not replaced; name another folder")
+    if (out / MARK).exists() and not overwrite:
+        raise InputError(f"{out}: holds an earlier export; name another folder or ask for --overwrite")
+
+
+def describe(robot: Robot, config: ExportConfig) -> dict[str, Any]:
+    """What was written, in plain numbers."""
+    links = [
+        {
+            "name": link.name,
+            "parent": None if link.parent < 0 else robot.links[link.parent].name,
+            "joint": None if link.parent < 0 else link.kind,
+            "limits": list(link.limits),
+            "mass_kg": 0.0 if link.body is None else link.body.mass,
+            "faces": 0 if link.body is None else len(link.body.surface.faces),
+            "pieces": 0 if link.body is None else len(link.body.pieces),
+            "note": "" if link.body is None else link.body.note,
+        }
+        for link in robot.links
+    ]
+    return {"name": robot.name, "links": links, "config": dataclasses.asdict(config)}

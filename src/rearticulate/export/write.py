@@ -1,0 +1,72 @@
+"""All formats of an export, written into one folder, whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rearticulate.errors import InputError
+from rearticulate.export.meshes import write_meshes
+from rearticulate.export.robot import ExportConfig, Robot
+from rearticulate.io.ply import write_cloud
+
+FORMATS = ("urdf", "mjcf", "usd", "gltf", "ply")
+NEEDS_MESHES = {"urdf", "mjcf"}
+
+
+def export(robot: Robot, folder: Path, formats: Sequence[str], config: ExportConfig) -> list[Path]:
+    """Write the formats into an existing folder; returns the main file of each."""
+    unknown = [name for name in formats if name not in FORMATS]
+    if unknown:
+        raise InputError(f"there is no format {unknown[0]!r}; there are {', '.join(FORMATS)}")
+    if NEEDS_MESHES & set(formats):
+        write_meshes(robot, folder)
+    return [_WRITERS[name](robot, folder, config) for name in formats]
+
+
+def _urdf(robot: Robot, folder: Path, config: ExportConfig) -> Path:
+    from rearticulate.export.urdf import urdf
+
+    return _text(folder / f"{robot.name}.urdf", urdf(robot, config))
+
+
+def _mjcf(robot: Robot, folder: Path, config: ExportConfig) -> Path:
+    from rearticulate.export.mjcf import mjcf
+
+    return _text(folder / f"{robot.name}.xml", mjcf(robot, config))
+
+
+def _usd(robot: Robot, folder: Path, config: ExportConfig) -> Path:
+    from rearticulate.export.usd import write_usd
+
+    path = folder / f"{robot.name}.usdc"
+    write_usd(path, robot, config)
+    return path
+
+
+def _gltf(robot: Robot, folder: Path, config: ExportConfig) -> Path:
+    from rearticulate.export.gltf import write_gltf
+
+    path = folder / f"{robot.name}.glb"
+    write_gltf(path, robot, config)
+    return path
+
+
+def _ply(robot: Robot, folder: Path, config: ExportConfig) -> Path:
+    """The points of all frames in the rest pose, a file a part."""
+    clouds = folder / "parts"
+    clouds.mkdir(exist_ok=True)
+    solid = [link for link in robot.links if link.body is not None]
+    for link, cloud in zip(solid, robot.clouds, strict=True):
+        write_cloud(clouds / f"{link.name}.ply", cloud, np.tile(link.color, (len(cloud), 1)))
+    return clouds
+
+
+def _text(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+_WRITERS = {"urdf": _urdf, "mjcf": _mjcf, "usd": _usd, "gltf": _gltf, "ply": _ply}
