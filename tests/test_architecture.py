@@ -22,11 +22,12 @@ LAYERS = [
     {"pipeline"},
     {"shape"},
     {"export"},
-    {"report", "bench"},
+    {"render"},
+    {"report", "bench", "view"},
     {"commands"},
     {"cli"},
 ]
-HEAVY = ("matplotlib", "plotly", "trimesh", "typer", "loky", "yourdfpy", "torch", "safetensors", "ot")
+HEAVY = ("matplotlib", "plotly", "trimesh", "typer", "loky", "yourdfpy", "torch", "safetensors", "ot", "PIL")
 
 
 def layer(name: str) -> int:

@@ -23,7 +23,8 @@ def without(result: FitResult, sequence: PointSequence, frames: list[int]) -> tu
     kept = [f for f in range(len(sequence)) if f not in frames]
     motion = Motion(result.motion.q[kept], result.motion.T_world_root[kept])
     model = replace(result.model, canonical=kept.index(C))
-    fewer = replace(result, model=model, motion=motion, labels=tuple(result.labels[f] for f in kept))
+    labels = tuple(result.labels[f] for f in kept)
+    fewer = replace(result, model=model, motion=motion, labels=labels, residual=result.residual[kept])
     return fewer, PointSequence.from_arrays([sequence.points[f] for f in kept])
 
 

@@ -23,6 +23,9 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else
 Scale = Annotated[float, typer.Option(help="Metres in one unit of the input (0.001 for millimetres).")]
 Seed = Annotated[int, typer.Option(help="Seed; the same seed gives the same result.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result.")]
+ResultFolder = Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a result.")]
+Frame = Annotated[int | None, typer.Option(help="Start from the posture of a frame. [default: the canonical one]")]
+Start = Annotated[Path | None, typer.Option("--from", metavar="POSTURE.json", help="Start from this posture.")]
 OutFolder = Annotated[Path, typer.Option("-o", "--output", help="Folder of the result.")]
 
 
@@ -83,7 +86,7 @@ def fit(
 @app.command()
 @reported
 def export(
-    result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a result.")],
+    result: ResultFolder,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder. [default: OUT/export]")] = None,
     formats: Annotated[str, typer.Option("--format", help="Which, separated by commas.")] = "urdf,mjcf,usd,gltf,ply",
     name: Annotated[str | None, typer.Option(help="Of the robot and its files. [default: that of OUT]")] = None,
@@ -107,10 +110,88 @@ def export(
     run_export(result, output, ExportOptions(formats, name, overwrite), config, json)
 
 
+@app.command()
+@reported
+def pose(
+    result: ResultFolder,
+    output: Annotated[Path, typer.Option("-o", "--output", help="A coloured .ply, or the posture as .json.")],
+    joint: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="rad or m; or with a unit: 30deg, 5cm, 50% of its range; repeatable."),
+    ] = None,
+    frame: Frame = None,
+    start: Start = None,
+    dense: Annotated[bool, typer.Option("--dense", help="With the points of all frames.")] = False,
+    json: Json = False,
+) -> None:
+    """The object in any posture, from joint values."""
+    from rearticulate.commands.posing import run_pose
+
+    run_pose(result, output, joint or [], frame, start, dense, json)
+
+
+@app.command()
+@reported
+def retarget(
+    result: ResultFolder,
+    clicks: Annotated[
+        Path, typer.Argument(metavar="CLICKS.json", help='{"clicks": [{"source": [x,y,z], "target": [x,y,z]}, ...]}')
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder: posture, cloud, motion, animation.")],
+    frame: Frame = None,
+    start: Start = None,
+    fixed_root: Annotated[bool, typer.Option("--fixed-root", help="The root stays where it is.")] = False,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """The object in the posture that brings some of its points where they should be."""
+    from rearticulate.commands.retargeting import run_retarget
+
+    run_retarget(result, clicks, output, frame, start, fixed_root, overwrite, json)
+
+
+@app.command()
+@reported
+def track(
+    result: ResultFolder,
+    scans: Annotated[str, typer.Argument(metavar="SCANS", help="New scans: a file, a folder, a quoted pattern.")],
+    output: OutFolder,
+    scale: Scale = 1.0,
+    max_points: Annotated[int, typer.Option(help="Larger scans are subsampled.")] = 20_000,
+    overwrite: Overwrite = False,
+    no_report: Annotated[bool, typer.Option("--no-report", help="Write no report.html and no pictures.")] = False,
+    json: Json = False,
+) -> None:
+    """Joint values, root pose and labels of new scans of the same object."""
+    from rearticulate.commands.tracking import run_track
+
+    run_track(result, scans, output, scale, max_points, overwrite, not no_report, json)
+
+
+@app.command()
+@reported
+def render(
+    result: ResultFolder,
+    output: Annotated[Path, typer.Option("-o", "--output", help="A .gif or an .mp4.")],
+    panels: Annotated[str, typer.Option(help="Which, separated by commas.")] = "input,parts,skeleton,flow,pose",
+    posture: Annotated[
+        Path | None, typer.Option("--posture", help="Of the last panel, a .json. [default: one never measured]")
+    ] = None,
+    size: Annotated[int, typer.Option(help="Pixels of a panel.")] = 300,
+    view: Annotated[str, typer.Option(metavar="auto|AZIMUTH,ELEVATION", help="Of the eye, degrees.")] = "auto",
+    up: Annotated[str, typer.Option(metavar="[-]x|y|z", help="Axis that points up.")] = "z",
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier file.")] = False,
+) -> None:
+    """A clip of a result: what was measured, parts, joints, flow, a new posture."""
+    from rearticulate.commands.rendering import run_render
+
+    run_render(result, output, panels, posture, size, view, up, overwrite)
+
+
 @app.command("eval")
 @reported
 def evaluate(
-    result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a result.")],
+    result: ResultFolder,
     truth: Annotated[Path, typer.Argument(metavar="TRUTH", help="Its ground truth, a .truth.npz.")],
     json: Json = False,
 ) -> None:

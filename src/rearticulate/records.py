@@ -163,6 +163,23 @@ class Motion:
     q: Array
     T_world_root: Array
 
+    def posture(self, frame: int) -> Posture:
+        """That of one frame."""
+        return Posture(self.q[frame], self.T_world_root[frame])
+
+
+@dataclass(frozen=True)
+class Posture:
+    """One posture of a model: q (D,) rad or m (see `KinematicModel.values`), T_world_root (4, 4)."""
+
+    q: Array
+    T_world_root: Array
+
+    @staticmethod
+    def rest(model: KinematicModel) -> Posture:
+        """That of the canonical frame."""
+        return Posture(np.zeros(model.n_values), np.eye(4))
+
 
 @dataclass(frozen=True)
 class RelaxedModel:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from rearticulate.commands.folders import check_folder
 from rearticulate.commands.outcome import say
 from rearticulate.commands.show import print_json
 from rearticulate.errors import InputError
@@ -68,7 +69,7 @@ def run_export(source: Path, out: Path | None, options: ExportOptions, config: E
     """The command `export`."""
     chosen, out = options.chosen(), source / "export" if out is None else out
     result, sequence = load_result(source), load_sequence_of(source)
-    check_export(out, options.overwrite)
+    check_folder(out, MARK, "export", options.overwrite)
     with needs("export"):
         robot = make_robot(result, sequence, options.name or source.resolve().name, config)
         with atomic_folder(out) as partial:
@@ -86,18 +87,6 @@ def _tell(out: Path, chosen: Sequence[str], files: Sequence[Path], facts: dict[s
         print_json({"out": str(out), "files": [str(path) for path in files], **facts})
     else:
         print("\n".join(f"{kind:<8}{out / path}" for kind, path in zip(chosen, files, strict=True)))
-
-
-def check_export(out: Path, overwrite: bool) -> None:
-    """An InputError unless an export may be written there."""
-    if not out.exists():
-        return
-    if not out.is_dir():
-        raise InputError(f"{out}: exists and is not a folder")
-    if any(out.iterdir()) and not (out / MARK).exists():
-        raise InputError(f"{out}: not empty and not an earlier export, so it is not replaced; name another folder")
-    if (out / MARK).exists() and not overwrite:
-        raise InputError(f"{out}: holds an earlier export; name another folder or ask for --overwrite")
 
 
 def describe(robot: Robot, config: ExportConfig) -> dict[str, Any]:

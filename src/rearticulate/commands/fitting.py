@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -113,18 +113,25 @@ def fit_with_progress(
 
 
 def write_result(
-    out: Path, result: FitResult, sequence: PointSequence, metrics: Sequence[Metric] | None, options: FitOptions
+    out: Path,
+    result: FitResult,
+    sequence: PointSequence,
+    metrics: Sequence[Metric] | None,
+    options: FitOptions,
+    extra: Callable[[Path], None] = lambda folder: None,
 ) -> None:
-    """The whole folder at once, report and pictures included."""
+    """The whole folder at once, report and pictures and what `extra` writes included."""
 
-    def report(folder: Path) -> None:
+    def more(folder: Path) -> None:
+        from rearticulate.render.stills import write_pictures
         from rearticulate.report.html import write_report
-        from rearticulate.report.pictures import write_pictures
 
-        write_report(folder, result, sequence, metrics, title=out.resolve().name)
-        write_pictures(folder, result, sequence)
+        extra(folder)
+        if options.report:
+            write_report(folder, result, sequence, metrics, title=out.resolve().name)
+            write_pictures(folder, result, sequence)
 
-    save_result(out, result, sequence, overwrite=options.overwrite, extra=report if options.report else None)
+    save_result(out, result, sequence, overwrite=options.overwrite, extra=more)
 
 
 def _finished(out: Path, sequence: PointSequence, config: FitConfig, canonical: int | None, seed: int) -> FitResult:

@@ -13,8 +13,8 @@ from rich.table import Table
 from rich.tree import Tree
 
 from rearticulate.io.palette import part_hex
-from rearticulate.records import FitResult, KinematicModel, Metric, PointSequence
-from rearticulate.report.summary import children, headline, joint_rows, jsonable
+from rearticulate.records import Array, FitResult, KinematicModel, Metric, Motion, PointSequence, Posture
+from rearticulate.report.summary import children, headline, joint_range, joint_rows, joint_value, jsonable, length
 
 PLAIN_WIDTH = 160  # where stdout is no terminal
 
@@ -82,6 +82,39 @@ def show_metrics(metrics: Sequence[Metric]) -> None:
     table.add_column("better")
     for m in metrics:
         table.add_row(escape(m.key), f"{m.value:.4g}", escape(m.unit), m.better)
+    stdout().print(table)
+
+
+def show_clicks(clicks: Sequence[dict[str, Any]]) -> None:
+    """One line a click."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for head in ("click", "part", "target, m", "misses by"):
+        table.add_column(head)
+    for k, click in enumerate(clicks):
+        target = " ".join(f"{x:.3f}" for x in click["target"])
+        table.add_row(str(k), escape(click["part"]), target, length(click["residual"]))
+    stdout().print(table)
+
+
+def show_change(model: KinematicModel, first: Posture, last: Posture) -> None:
+    """One line a joint: its value before and after."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for head in ("joint of", "type", "was", "is", "observed range"):
+        table.add_column(head)
+    for j in range(1, model.n_parts):
+        was, now = (joint_value(model, j, p.q) for p in (first, last))
+        table.add_row(escape(model.names[j]), model.joint_type[j], was, now, joint_range(model, j))
+    stdout().print(table)
+
+
+def show_scans(model: KinematicModel, names: Sequence[str], motion: Motion, residual: Array) -> None:
+    """One line a scan: how far its points lie from the model, and the joint values."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
+    for head in ("scan", "residual", *model.names[1:]):
+        table.add_column(escape(head))
+    for f, name in enumerate(names):
+        values = (joint_value(model, j, motion.q[f]) for j in range(1, model.n_parts))
+        table.add_row(escape(name), length(float(residual[f])), *values)
     stdout().print(table)
 
 

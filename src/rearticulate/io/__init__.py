@@ -2,7 +2,7 @@
 
 from rearticulate.io.check import check_sequence
 from rearticulate.io.model import check_output, load_model, load_result, save_result
-from rearticulate.io.sequence import load_sequence, save_sequence
+from rearticulate.io.sequence import load_scans, load_sequence, save_sequence
 from rearticulate.io.stages import StageStore
 from rearticulate.io.truth import load_truth, save_truth
 
@@ -12,6 +12,7 @@ __all__ = [
     "check_sequence",
     "load_model",
     "load_result",
+    "load_scans",
     "load_sequence",
     "load_truth",
     "save_result",

@@ -24,13 +24,14 @@ def check_sequence(sequence: PointSequence) -> None:
     if len(sequence) < MIN_FRAMES:
         raise InputError(f"{len(sequence)} frame(s): motion needs at least {MIN_FRAMES} frames of the same object")
     for name, points in zip(sequence.names, sequence.points, strict=True):
-        _check_frame(name, points)
+        check_frame(name, points)
     splits = [split_far_apart(points) for points in sequence.points]
     _check_one_object(sequence.names, splits)
     _check_spread(sequence, splits)
 
 
-def _check_frame(name: str, points: Array) -> None:
+def check_frame(name: str, points: Array) -> None:
+    """An InputError where one cloud is none, whatever the others are."""
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"{name}: one frame has the shape (N, 3), this is {points.shape}")
     if len(points) < MIN_POINTS:

@@ -42,6 +42,7 @@ import numpy as np
 
 from rearticulate.errors import InputError
 from rearticulate.io.atomic import atomic_folder
+from rearticulate.io.jsons import read_json
 from rearticulate.io.npz import load_arrays, one_line, write_arrays
 from rearticulate.io.palette import part_colors
 from rearticulate.io.ply import write_cloud
@@ -79,7 +80,7 @@ def save_result(
         _write_json(partial / "model.json", _describe(result))
         _write_json(partial / "config.json", _plain(result.config))
         write_arrays(partial / "arrays.npz", _arrays(result, sequence), compress=True)
-        _write_joints(partial / "joints.csv", result)
+        write_joint_values(partial / "joints.csv", result.model, result.motion)
         model = result.model
         write_cloud(partial / "canonical.ply", model.points, part_colors(model.n_parts)[model.labels])
         if extra is not None:
@@ -224,8 +225,8 @@ def _arrays(result: FitResult, sequence: PointSequence) -> dict[str, Any]:
     }
 
 
-def _write_joints(path: Path, result: FitResult) -> None:
-    model = result.model
+def write_joint_values(path: Path, model: KinematicModel, motion: Motion) -> None:
+    """A CSV with a row a frame and a column a joint value, its unit in the head."""
     columns: dict[str, int] = {}
     for j, kind in enumerate(model.joint_type):
         if kind == "spherical":
@@ -235,21 +236,14 @@ def _write_joints(path: Path, result: FitResult) -> None:
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["frame", *columns])
-        rows = result.motion.q[:, list(columns.values())]
+        rows = motion.q[:, list(columns.values())]
         writer.writerows([f, *(repr(float(value)) for value in q)] for f, q in enumerate(rows))
 
 
 def _read(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """model.json and arrays.npz, of a format that we know."""
     path = folder / "model.json"
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise InputError(f"{folder}: no result here, it has no model.json") from error
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: damaged, not valid JSON ({one_line(error)})") from error
+    record = read_json(path, absent=f"{folder}: no result here, it has no model.json")
     written = record.get("format") if isinstance(record, dict) else None
     if not isinstance(written, int):
         raise InputError(f"{path}: not a model of rearticulate, it has no format number")

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.errors import InputError, InputWarning
-from rearticulate.io.check import check_sequence
+from rearticulate.io.check import check_frame, check_sequence
 from rearticulate.io.npz import open_numpy, save_arrays
 from rearticulate.io.readers import READERS, Points, check_points, natural_order, read_points
 from rearticulate.records import Array, IntArray, PointSequence
@@ -46,11 +46,54 @@ def load_sequence(
     What was dropped is an InputWarning; a sequence that cannot be used is an InputError; each is one line.
     `index` holds the row of each point in its file (for a sampled mesh: in the sample).
     """
+    sequence = _read(path, Path(path), scale, max_points, mesh_samples, seed)
+    with _named(path):
+        check_sequence(sequence)
+    return sequence
+
+
+def load_scans(
+    path: str | os.PathLike[str],
+    *,
+    scale: float = 1.0,
+    max_points: int = 20_000,
+    mesh_samples: int = 4096,
+    seed: int = 0,
+) -> PointSequence:
+    """As `load_sequence`, for scans of an object whose model is known: one is enough, also as a single file, and each
+    is checked by itself alone."""
+    file = Path(path)
+    single = file.is_file() and file.suffix.lower() in READERS and file.suffix.lower() != ".npy"
+    sequence = _read(path, file, scale, max_points, mesh_samples, seed, single)
+    with _named(path):
+        for name, points in zip(sequence.names, sequence.points, strict=True):
+            check_frame(name, points)
+    return sequence
+
+
+@contextmanager
+def _named(path: str | os.PathLike[str]) -> Iterator[None]:
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _read(
+    path: str | os.PathLike[str],
+    file: Path,
+    scale: float,
+    max_points: int,
+    mesh_samples: int,
+    seed: int,
+    single: bool = False,
+) -> PointSequence:
+    """All frames, cleaned. single: the file is one frame."""
     _check_options(scale, max_points, mesh_samples)
     points, index, names = [], [], []
     drops: dict[str, list[tuple[str, int]]] = {"broken": [], "double": [], "thinned": []}
     with _system_errors(path):
-        for f, (name, raw) in enumerate(_frames(Path(path), mesh_samples, seed)):
+        for f, (name, raw) in enumerate(_frames([file] if single else file, mesh_samples, seed)):
             kept, row, dropped = _clean(raw, max_points, np.random.default_rng((seed, f, 1)))
             points.append(kept * scale)
             index.append(row)
@@ -58,12 +101,7 @@ def load_sequence(
             for kind, count in dropped.items():
                 drops[kind] += [(name, count)] if count else []
     _warn(path, drops, max_points)
-    sequence = PointSequence(tuple(points), tuple(index), tuple(names))
-    try:
-        check_sequence(sequence)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    return sequence
+    return PointSequence(tuple(points), tuple(index), tuple(names))
 
 
 def save_sequence(path: str | os.PathLike[str], sequence: PointSequence) -> None:
@@ -92,12 +130,12 @@ def _system_errors(path: str | os.PathLike[str]) -> Iterator[None]:
         raise InputError(f"{path}: does not fit in memory; give fewer points a frame") from error
 
 
-def _frames(path: Path, mesh_samples: int, seed: int) -> Iterator[tuple[str, Points]]:
-    """(name, (N, 3) array as stored) of each frame, one at a time."""
-    if path.suffix.lower() in (".npz", ".npy") and path.is_file():
+def _frames(path: Path | list[Path], mesh_samples: int, seed: int) -> Iterator[tuple[str, Points]]:
+    """(name, (N, 3) array as stored) of each frame, one at a time. path: of a sequence, or the files of its frames."""
+    if isinstance(path, Path) and path.suffix.lower() in (".npz", ".npy") and path.is_file():
         yield from _frames_of_archive(path)
         return
-    for f, file in enumerate(_frame_files(path)):
+    for f, file in enumerate(_frame_files(path) if isinstance(path, Path) else path):
         yield file.name, read_points(file, mesh_samples, np.random.default_rng((seed, f, 0)))
 
 

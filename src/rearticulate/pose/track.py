@@ -7,7 +7,7 @@ that fit best are registered, points to planes both ways, under a robust scale t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,7 +24,7 @@ from rearticulate.pose.fuse import fuse
 from rearticulate.pose.retarget import retarget
 from rearticulate.pose.search import Tree, beam_search
 from rearticulate.pose.single import SingleValued, single_valued
-from rearticulate.records import FitResult, KinematicModel, Motion, PointSequence
+from rearticulate.records import FitResult, KinematicModel, Motion, PointSequence, Posture
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -83,6 +83,35 @@ def track(
     return Tracked(motion, tuple(found), np.array(residual))
 
 
+def followed(result: FitResult, scans: PointSequence, found: Tracked) -> tuple[FitResult, PointSequence]:
+    """A result and its sequence for all that shows or writes one: frame 0 is the canonical frame, then come the scans.
+
+    The observed ranges grow by what the scans show.
+    """
+    model, rest = result.model, Posture.rest(result.model)
+    q = np.concatenate([rest.q[None], found.motion.q])
+    motion = Motion(q, np.concatenate([rest.T_world_root[None], found.motion.T_world_root]))
+    angle = [
+        np.linalg.norm(q[:, model.values(j)], axis=1) if kind == "spherical" else q[:, j]
+        for j, kind in enumerate(model.joint_type)
+    ]
+    low, high = np.min(angle, axis=1), np.max(angle, axis=1)
+    limits = np.stack([np.minimum(model.limits[:, 0], low), np.maximum(model.limits[:, 1], high)], axis=1)
+    sequence = PointSequence(
+        (model.points, *scans.points), (np.arange(len(model.points)), *scans.index), ("rest pose", *scans.names)
+    )
+    return replace(
+        result,
+        model=replace(model, canonical=0, limits=limits),
+        motion=motion,
+        labels=(model.labels, *found.labels),
+        energies={},
+        residual=np.concatenate([result.residual[[model.canonical]], found.residual]),
+        stages=(),
+        relaxed=None,
+    ), sequence
+
+
 def thinned_body(result: FitResult, recorded: PointSequence, single: SingleValued) -> tuple[Array, IntArray]:
     """At most BUDGET points (n, 3) of all frames in the canonical pose, and their links (n,)."""
     clouds = fuse(result, recorded)
@@ -93,16 +122,9 @@ def thinned_body(result: FitResult, recorded: PointSequence, single: SingleValue
 
 
 @dataclass(frozen=True)
-class Posture:
-    """q (P,) and T_root (4, 4) in the units of a scan's frames."""
-
-    q: Array
-    T_root: Array
-
-
-@dataclass(frozen=True)
 class Scan:
-    """A model and one scan, as frames 0 and 1. link: (n,) link of each model point, as they were given."""
+    """A model and one scan, as frames 0 and 1, in whose units all postures are. link: (n,) link of each model point, as
+    they were given."""
 
     model: KinematicModel
     frames: Frames
@@ -141,11 +163,11 @@ class Scan:
     def metric(self, posture: Posture) -> tuple[Array, Array]:
         """Back to metres and radians."""
         unit, centre = self.frames.unit, self.frames.centre
-        return np.where(self.slides, posture.q * unit, posture.q), from_unit(posture.T_root, unit, centre)
+        return np.where(self.slides, posture.q * unit, posture.q), from_unit(posture.T_world_root, unit, centre)
 
     def forward(self, posture: Posture) -> Array:
         """(P, 4, 4) poses of the links."""
-        return forward_kinematics(self.model.parent, self.twists, posture.q, posture.T_root)
+        return forward_kinematics(self.model.parent, self.twists, posture.q, posture.T_world_root)
 
     def register(self, starts: list[Posture]) -> Posture:
         """The posture that fits the scan best."""
@@ -161,7 +183,7 @@ class Scan:
         own = tuple(points[link == p] for p in range(self.model.n_parts))
         limits = np.where(self.slides[:, None], self.model.limits / self.frames.unit, self.model.limits)
         tree = Tree(self.model.parent, self.twists, limits, own)
-        q, root = beam_search(tree, self.frames.trees[1], np.array([posture.T_root for posture in roots]))
+        q, root = beam_search(tree, self.frames.trees[1], np.array([posture.T_world_root for posture in roots]))
         return [Posture(*found) for found in zip(q, root, strict=True)]
 
     def led_by_network(self) -> list[Posture]:
@@ -195,7 +217,7 @@ class Scan:
         step = -np.linalg.solve(A + np.diag(damping), np.einsum("pia,pi->a", J, g))
         limit = np.concatenate([np.where(self.slides, MAX_SHIFT, MAX_TURN), [MAX_TURN] * 3, [MAX_SHIFT] * 3])
         step = np.clip(step, -limit, limit)
-        return Posture(posture.q + step[:-6], exp_se3(step[-6:]) @ posture.T_root)
+        return Posture(posture.q + step[:-6], exp_se3(step[-6:]) @ posture.T_world_root)
 
     def equations(self, T: Array, sigma: float) -> tuple[Array, Array]:
         """Normal equations H (P, 6, 6), g (P, 6) over left twists of the links: model onto scan, scan onto model."""

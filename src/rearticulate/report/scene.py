@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.geometry.se3 import rotate, transform
+from rearticulate.geometry.se3 import transform
+from rearticulate.geometry.thin import thinned
 from rearticulate.io.palette import part_hex
 from rearticulate.records import FitResult, KinematicModel, PointSequence
+from rearticulate.render.axes import axis_segments
 
 Array = NDArray[np.floating]
 Figure = dict[str, Any]
@@ -19,20 +21,12 @@ Figure = dict[str, Any]
 ANIMATION_BUDGET = 60_000  # points in all frames together
 FRAME_BUDGET = 2000
 FLOW_LINES = 300
-AXIS_LENGTH = 0.09  # of the object's diagonal, to either side
 
 
 def packed(values: Array) -> dict[str, str]:
     """A float array as plotly reads it from base64: a third of the text."""
     data = np.ascontiguousarray(values, dtype="<f4").tobytes()
     return {"dtype": "f4", "bdata": base64.b64encode(data).decode("ascii")}
-
-
-def thinned(n: int, budget: int, seed: int = 0) -> NDArray[np.integer]:
-    """At most `budget` of n rows, spread at random, in order."""
-    if n <= budget:
-        return np.arange(n)
-    return np.sort(np.random.default_rng(seed).choice(n, budget, replace=False))
 
 
 def animation(result: FitResult, sequence: PointSequence) -> Figure:
@@ -43,7 +37,7 @@ def animation(result: FitResult, sequence: PointSequence) -> Figure:
     frames = []
     for f in range(len(sequence)):
         cloud = _cloud_traces(model.names, *_thin(sequence.points[f], result.labels[f], budget))
-        frames.append([*cloud, _axes_trace(*axis_segments(model, poses[f]))])
+        frames.append([*cloud, _axes_trace(*named_axes(model, poses[f]))])
     start = model.canonical
     return {
         "data": frames[start],
@@ -57,7 +51,7 @@ def canonical_parts(result: FitResult) -> Figure:
     model = result.model
     identity = np.broadcast_to(np.eye(4), (model.n_parts, 4, 4))
     data = _cloud_traces(model.names, *_thin(model.points, model.labels, 2 * FRAME_BUDGET))
-    data.append(_axes_trace(*axis_segments(model, identity)))
+    data.append(_axes_trace(*named_axes(model, identity)))
     return {"data": data, "layout": {"scene": _scene(_bounds([model.points]))}}
 
 
@@ -76,15 +70,9 @@ def scene_flow(result: FitResult) -> Figure:
     return {"data": data, "layout": {"scene": _scene(_bounds([paths.reshape(-1, 3), model.points]))}}
 
 
-def axis_segments(model: KinematicModel, poses: Array) -> tuple[Array, list[str]]:
+def named_axes(model: KinematicModel, poses: Array) -> tuple[Array, list[str]]:
     """Both ends of every moving joint's axis (J, 2, 3) under part poses (P, 4, 4), and what to call it."""
-    joints = [j for j, kind in enumerate(model.joint_type) if kind in ("revolute", "prismatic")]
-    half = AXIS_LENGTH * float(np.linalg.norm(np.ptp(model.points, axis=0)))
-    segments = np.zeros((len(joints), 2, 3))
-    for row, j in enumerate(joints):
-        T = poses[model.parent[j]]
-        origin, axis = transform(T, model.origin[j]), rotate(T, model.axis[j])
-        segments[row] = origin - half * axis, origin + half * axis
+    segments, joints = axis_segments(model, poses)
     return segments, [f"{model.names[j]}: {model.joint_type[j]}" for j in joints]
 
 

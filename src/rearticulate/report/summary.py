@@ -57,6 +57,13 @@ def joint_range(model: KinematicModel, j: int) -> str:
     return f"up to {math.degrees(high):.1f}°" if model.joint_type[j] == "spherical" else ""
 
 
+def joint_value(model: KinematicModel, j: int, q: np.ndarray) -> str:
+    """One value of a posture: degrees or centimetres."""
+    if model.joint_type[j] == "prismatic":
+        return f"{100 * q[j]:.2f} cm"
+    return " ".join(f"{math.degrees(x):.1f}°" for x in q[model.values(j)])
+
+
 def joint_note(result: FitResult, j: int) -> str:
     """Why the joint is not determined, or how far behind the other joint type is."""
     joint = result.joints[j]

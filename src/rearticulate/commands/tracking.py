@@ -1,0 +1,61 @@
+"""`track`: new scans of a known object become postures and labels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rearticulate.commands.fitting import FitOptions, write_result
+from rearticulate.commands.progress import StageProgress
+from rearticulate.commands.show import print_json, show_scans
+from rearticulate.io.model import check_output, load_result, load_sequence_of
+from rearticulate.io.palette import part_colors
+from rearticulate.io.ply import write_cloud
+from rearticulate.io.posture import named_values, save_posture
+from rearticulate.io.sequence import load_scans
+from rearticulate.pose.track import Tracked, followed, track
+from rearticulate.records import FitResult, PointSequence
+
+
+def run_track(
+    folder: Path, source: str, out: Path, scale: float, max_points: int, overwrite: bool, report: bool, as_json: bool
+) -> None:
+    """The command `track`."""
+    check_output(out, overwrite=overwrite)
+    result, recorded = load_result(folder), load_sequence_of(folder)
+    scans = load_scans(source, scale=scale, max_points=max_points)
+    with StageProgress() as progress:
+        found = track(result, recorded, scans, lambda share: progress("track", share))
+    whole, sequence = followed(result, scans, found)
+
+    def each_scan(partial: Path) -> None:
+        write_scans(partial / "scans", result, scans, found)
+
+    write_result(out, whole, sequence, None, FitOptions(overwrite=overwrite, report=report), each_scan)
+    if as_json:
+        print_json({"out": str(out), "scans": describe(result, scans, found)})
+    else:
+        show_scans(result.model, scans.names, found.motion, found.residual)
+        print(out)
+
+
+def write_scans(folder: Path, result: FitResult, scans: PointSequence, found: Tracked) -> None:
+    """Every scan coloured by part, and its posture."""
+    folder.mkdir()
+    colors = part_colors(result.model.n_parts)
+    for f, (name, points) in enumerate(zip(scans.names, scans.points, strict=True)):
+        stem = f"{f:03d}_{Path(name).stem.replace(' ', '_')}"
+        write_cloud(folder / f"{stem}.ply", points, colors[found.labels[f]])
+        save_posture(folder / f"{stem}.json", result.model, found.motion.posture(f), residual=float(found.residual[f]))
+
+
+def describe(result: FitResult, scans: PointSequence, found: Tracked) -> list[dict[str, object]]:
+    """Every scan in plain numbers."""
+    return [
+        {
+            "name": name,
+            "joints": named_values(result.model, found.motion.posture(f)),
+            "T_world_root": found.motion.T_world_root[f],
+            "residual": found.residual[f],
+        }
+        for f, name in enumerate(scans.names)
+    ]

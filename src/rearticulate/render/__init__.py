@@ -1,0 +1,1 @@
+"""Pictures and clips without a display."""
