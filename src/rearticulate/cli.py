@@ -26,6 +26,7 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an earlier
 ResultFolder = Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a result.")]
 Frame = Annotated[int | None, typer.Option(help="Start from the posture of a frame. [default: the canonical one]")]
 Start = Annotated[Path | None, typer.Option("--from", metavar="POSTURE.json", help="Start from this posture.")]
+Up = Annotated[str, typer.Option(metavar="[-]x|y|z", help="Axis that points up, against gravity.")]
 OutFolder = Annotated[Path, typer.Option("-o", "--output", help="Folder of the result.")]
 
 
@@ -93,7 +94,7 @@ def export(
     margin: Annotated[float, typer.Option(help="What joints may do beyond their observed range, a share of it.")] = 0.1,
     density: Annotated[float, typer.Option(help="kg/m^3.")] = 500.0,
     floating: Annotated[bool, typer.Option("--floating", help="The root may move freely.")] = False,
-    up: Annotated[str, typer.Option(metavar="[-]x|y|z", help="Axis against gravity.")] = "z",
+    up: Up = "z",
     collision: Annotated[
         str, typer.Option(metavar="pieces|hull", help="Convex pieces, or one hull a part.")
     ] = "pieces",
@@ -179,13 +180,29 @@ def render(
     ] = None,
     size: Annotated[int, typer.Option(help="Pixels of a panel.")] = 300,
     view: Annotated[str, typer.Option(metavar="auto|AZIMUTH,ELEVATION", help="Of the eye, degrees.")] = "auto",
-    up: Annotated[str, typer.Option(metavar="[-]x|y|z", help="Axis that points up.")] = "z",
+    up: Up = "z",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier file.")] = False,
 ) -> None:
     """A clip of a result: what was measured, parts, joints, flow, a new posture."""
     from rearticulate.commands.rendering import run_render
 
     run_render(result, output, panels, posture, size, view, up, overwrite)
+
+
+@app.command()
+@reported
+def view(
+    result: ResultFolder,
+    other: Annotated[Path | None, typer.Argument(metavar="[OTHER]", help="A second result, shown beside it.")] = None,
+    host: Annotated[str, typer.Option(help="Address to listen at; 0.0.0.0 for the whole network.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="0 for any that is free.")] = 8080,
+    up: Up = "z",
+    browser: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+) -> None:
+    """See and move a result in the browser: play, slide joints, drag points, save, export."""
+    from rearticulate.commands.viewing import run_view
+
+    run_view(result, other, host, port, up, browser)
 
 
 @app.command("eval")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rearticulate.commands.folders import check_folder
+from rearticulate.commands.options import check_up
 from rearticulate.commands.outcome import say
 from rearticulate.commands.show import print_json
 from rearticulate.errors import InputError
@@ -18,6 +19,7 @@ from rearticulate.export.write import FORMATS, export
 from rearticulate.extras import needs
 from rearticulate.io.atomic import atomic_folder
 from rearticulate.io.model import load_result, load_sequence_of
+from rearticulate.records import FitResult, PointSequence
 from rearticulate.report.summary import jsonable
 from rearticulate.shape.body import ShapeConfig
 
@@ -55,14 +57,12 @@ def export_config(
     for option, value in (("margin", margin), ("density", density), ("effort", effort), ("velocity", velocity)):
         if not (math.isfinite(value) and value >= 0 and (value > 0 or option == "margin")):
             raise InputError(f"--{option} {value:g}: must be a positive number")
-    if up.removeprefix("-") not in ("x", "y", "z"):
-        raise InputError(f"--up {up}: must be x, y or z, or one of these with a minus")
     if collision not in ("pieces", "hull"):
         raise InputError(f"--collision {collision}: must be pieces or hull")
     if max_faces < 100:
         raise InputError(f"--max-faces {max_faces}: must be 100 at least")
     shape = ShapeConfig(max_faces=max_faces, density=density, collision=collision)  # type: ignore[arg-type]
-    return ExportConfig(shape, margin, floating, up, effort=effort, velocity=velocity)
+    return ExportConfig(shape, margin, floating, check_up(up), effort=effort, velocity=velocity)
 
 
 def run_export(source: Path, out: Path | None, options: ExportOptions, config: ExportConfig, as_json: bool) -> None:
@@ -70,13 +70,21 @@ def run_export(source: Path, out: Path | None, options: ExportOptions, config: E
     chosen, out = options.chosen(), source / "export" if out is None else out
     result, sequence = load_result(source), load_sequence_of(source)
     check_folder(out, MARK, "export", options.overwrite)
+    files, facts = write_export(result, sequence, out, options.name or source.resolve().name, chosen, config)
+    _tell(out, chosen, files, facts, as_json)
+
+
+def write_export(
+    result: FitResult, sequence: PointSequence, out: Path, name: str, formats: Sequence[str], config: ExportConfig
+) -> tuple[list[Path], dict[str, Any]]:
+    """The folder of an export, whole or not at all; its main files, relative to it, and what `describe` says."""
     with needs("export"):
-        robot = make_robot(result, sequence, options.name or source.resolve().name, config)
+        robot = make_robot(result, sequence, name, config)
         with atomic_folder(out) as partial:
-            files = [path.relative_to(partial) for path in export(robot, partial, chosen, config)]
+            files = [path.relative_to(partial) for path in export(robot, partial, formats, config)]
             facts = describe(robot, config)
             (partial / MARK).write_text(json.dumps(jsonable(facts), indent=2) + "\n", encoding="utf-8")
-    _tell(out, chosen, files, facts, as_json)
+    return files, facts
 
 
 def _tell(out: Path, chosen: Sequence[str], files: Sequence[Path], facts: dict[str, Any], as_json: bool) -> None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
+from rearticulate.commands.options import check_up, parse_view
 from rearticulate.commands.progress import StageProgress
 from rearticulate.errors import InputError
 from rearticulate.io.model import load_result, load_sequence_of
 from rearticulate.io.posture import load_posture
-from rearticulate.render.camera import View
 from rearticulate.render.clip import FORMATS, film, write_clip
 from rearticulate.render.panels import PANELS, Story, novel_posture
 from rearticulate.render.viewpoint import best_view
@@ -25,7 +24,7 @@ def run_render(
         raise InputError(f"{out}: exists; name another file or ask for --overwrite")
     if not 64 <= size <= 2000:
         raise InputError(f"--size {size}: must be 64 to 2000 pixels")
-    names, eye = chosen_panels(panels), parse_view(view, up)
+    names, eye = chosen_panels(panels), parse_view(view, check_up(up))
     result, sequence = load_result(folder), load_sequence_of(folder)
     eye = eye or best_view(result, sequence, up=up)
     novel = novel_posture(result.model) if posture is None else load_posture(posture, result.model)
@@ -42,18 +41,3 @@ def chosen_panels(text: str) -> list[str]:
     if not names or set(names) - set(PANELS):
         raise InputError(f"--panels {text}: choose from {', '.join(PANELS)}")
     return names
-
-
-def parse_view(view: str, up: str) -> View | None:
-    """ "35,15": azimuth and elevation in degrees; None for "auto"."""
-    if up.removeprefix("-") not in ("x", "y", "z"):
-        raise InputError(f"--up {up}: must be x, y or z, or one of these with a minus")
-    if view == "auto":
-        return None
-    try:
-        azimuth, elevation = (float(x) for x in view.split(","))
-    except ValueError:
-        azimuth = elevation = math.nan
-    if not (math.isfinite(azimuth) and -90 <= elevation <= 90):
-        raise InputError(f"--view {view}: must be auto or two numbers, azimuth and elevation in degrees, such as 35,15")
-    return View(azimuth, elevation, up)

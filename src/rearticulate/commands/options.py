@@ -1,0 +1,28 @@
+"""Options that several commands share, checked."""
+
+from __future__ import annotations
+
+import math
+
+from rearticulate.errors import InputError
+from rearticulate.render.camera import View
+
+
+def check_up(up: str) -> str:
+    """The axis that points up."""
+    if up.removeprefix("-") not in ("x", "y", "z"):
+        raise InputError(f"--up {up}: must be x, y or z, or one of these with a minus")
+    return up
+
+
+def parse_view(view: str, up: str) -> View | None:
+    """ "35,15": azimuth and elevation in degrees; None for "auto"."""
+    if view == "auto":
+        return None
+    try:
+        azimuth, elevation = (float(x) for x in view.split(","))
+    except ValueError:
+        azimuth = elevation = math.nan
+    if not (math.isfinite(azimuth) and -90 <= elevation <= 90):
+        raise InputError(f"--view {view}: must be auto or two numbers, azimuth and elevation in degrees, such as 35,15")
+    return View(azimuth, elevation, up)

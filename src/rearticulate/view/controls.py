@@ -1,0 +1,252 @@
+"""The controls of one object: recording, joints, hand, parts, files."""
+
+from __future__ import annotations
+
+import io
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import viser
+from PIL import Image
+
+from rearticulate.io.palette import part_colors
+from rearticulate.pose.blend import between_frames
+from rearticulate.records import Posture
+from rearticulate.render.panels import novel_posture
+from rearticulate.report.summary import headline, joint_note, joint_range
+from rearticulate.report.tables import tree
+from rearticulate.view.actor import Actor
+from rearticulate.view.hand import Hand
+
+RATE = 15.0  # steps a second while playing
+SPEED = 3.0  # frames a second
+BEYOND = 0.25  # what a slider reaches beyond the observed range, a share of it
+SHOT = (1080, 1600)  # pixels of a screenshot where the browser does not tell its own
+
+
+@dataclass(frozen=True)
+class Savers:
+    """What the buttons do with files. Each gets the actor and returns the path it wrote."""
+
+    posture: Callable[[Actor], Path]
+    export: Callable[[Actor], Path]
+    screenshot: Callable[[Actor, bytes], Path]
+
+
+class Controls:
+    """The panel of one actor."""
+
+    def __init__(self, server: viser.ViserServer, actor: Actor, savers: Savers) -> None:
+        self._server, self.actor, self._savers = server, actor, savers
+        self._playing, self._seed = False, 0
+        self.hand = Hand(server, actor, self._synchronize)
+        gui = server.gui
+        gui.add_markdown("**" + actor.name + "** · " + " · ".join(headline(actor.result, actor.sequence)[:3]))
+        with gui.add_folder("Recording"):
+            self._add_recording()
+        with gui.add_folder("Joints"):
+            self.sliders = self._add_sliders()
+        with gui.add_folder("Drag"):
+            self._add_hand()
+        with gui.add_folder("Parts"):
+            self._add_parts()
+        with gui.add_folder("Files"):
+            self._add_files()
+        self._synchronize()
+
+    def show(self, posture: Posture) -> None:
+        """A posture, also on the sliders and at the hand."""
+        self.actor.show(posture)
+        self._synchronize()
+
+    def show_frame(self, frame: int) -> None:
+        """A measured frame and the posture fitted to it."""
+        self.actor.show_frame(frame)
+        self.show(self.actor.result.motion.posture(frame))
+
+    def pick(self, row: int) -> None:
+        """A point of the actor's cloud was clicked: the hand takes it, its part is described."""
+        self.hand.take(row)
+        self.picked.content = describe_part(self.actor, self.hand.part)
+
+    def _synchronize(self) -> None:
+        for where, slider in self.sliders.items():
+            slider.value = float(np.clip(self.actor.posture.q[where] * self._unit(where), slider.min, slider.max))
+        self.hand.follow()
+
+    def _unit(self, where: int) -> float:
+        """What is shown of 1 rad or 1 m: degrees or centimetres."""
+        model = self.actor.model
+        return 100.0 if where < model.n_parts and model.joint_type[where] == "prismatic" else 180 / math.pi
+
+    def _add_recording(self) -> None:
+        gui, last = self._server.gui, len(self.actor.sequence) - 1
+        self.time = gui.add_slider("frame", 0, max(last, 1), 1, self.actor.frame, disabled=last < 1)
+        self.play = gui.add_button("Play", disabled=last < 1)
+        measured = gui.add_checkbox("measured points", True)
+        axes = gui.add_checkbox("joint axes", True)
+
+        @self.time.on_update
+        def _(event: viser.GuiEvent) -> None:
+            if event.client is not None:
+                self.show_frame(int(self.time.value))
+
+        self.play.on_click(lambda event: self._toggle_play())
+        measured.on_update(lambda event: self.actor.show_measured(measured.value))
+        axes.on_update(lambda event: self.actor.show_axes(axes.value))
+
+    def _toggle_play(self) -> None:
+        self._playing = not self._playing
+        self.play.label = "Pause" if self._playing else "Play"
+        if self._playing:
+            threading.Thread(target=self._play, daemon=True).start()
+
+    def _play(self) -> None:
+        """There and back until it is stopped, the model moving between the frames too."""
+        last = len(self.actor.sequence) - 1
+        now, step = float(self.time.value), SPEED / RATE
+        while self._playing:
+            if not 0 <= now + step <= last:
+                step = -step
+            now = min(max(now + step, 0.0), float(last))
+            if round(now) != self.actor.frame:
+                self.actor.show_frame(round(now))
+                self.time.value = round(now)
+            self.show(between_frames(self.actor.result.motion, np.array([now])).posture(0))
+            time.sleep(1 / RATE)
+
+    def _add_sliders(self) -> dict[int, viser.GuiSliderHandle[float]]:
+        """A slider a joint value, by its place in q."""
+        model, out = self.actor.model, {}
+        for j in range(1, model.n_parts):
+            kind = model.joint_type[j]
+            if kind == "fixed":
+                continue
+            low, high = (-model.limits[j, 1], model.limits[j, 1]) if kind == "spherical" else model.limits[j]
+            slack = BEYOND * (high - low) + 1e-3
+            for letter, where in zip("xyz", model.values(j), strict=False):
+                unit = self._unit(where)
+                label = (
+                    f"{model.names[j]}{' ' + letter if kind == 'spherical' else ''} ({'cm' if unit == 100 else '°'})"
+                )
+                low_shown, high_shown = (low - slack) * unit, (high + slack) * unit
+                slider = self._server.gui.add_slider(
+                    label, low_shown, high_shown, (high_shown - low_shown) / 500, 0.0, hint=kind
+                )
+                slider.on_update(self._slid(where, slider))
+                out[where] = slider
+        return out
+
+    def _slid(self, where: int, slider: viser.GuiSliderHandle[float]) -> Callable[[viser.GuiEvent], None]:
+        def update(event: viser.GuiEvent) -> None:
+            if event.client is None:
+                return
+            q = self.actor.posture.q.copy()
+            q[where] = slider.value / self._unit(where)
+            self.actor.show(Posture(q, self.actor.posture.T_world_root))
+            self.hand.follow()
+
+        return update
+
+    def _add_hand(self) -> None:
+        gui = self._server.gui
+        gui.add_markdown("Click a point of the object, then drag the arrows.")
+        root = gui.add_checkbox("the root may move", False)
+        pins = gui.add_button_group(
+            "points", ("Pin", "Unpin all"), hint="A pinned point stays while others are dragged."
+        )
+        postures = gui.add_button_group("posture", ("Rest", "New"), hint="New: within the observed ranges.")
+
+        @root.on_update
+        def _(event: viser.GuiEvent) -> None:
+            self.hand.root_moves = root.value
+
+        @pins.on_click
+        def _(event: viser.GuiEvent) -> None:
+            self.hand.pin() if pins.value == "Pin" else self.hand.unpin()
+
+        @postures.on_click
+        def _(event: viser.GuiEvent) -> None:
+            if postures.value == "Rest":
+                self.show(Posture.rest(self.actor.model))
+            else:
+                self.show(novel_posture(self.actor.model, self._seed))
+                self._seed += 1
+
+    def _add_parts(self) -> None:
+        gui, model = self._server.gui, self.actor.model
+        gui.add_html('<div style="padding:0 1em;font-size:0.85em">' + _spaced(tree(model)) + "</div>")
+        self.picked = gui.add_markdown(describe_part(self.actor, self.hand.part))
+        self.shown = []
+        for p, name in enumerate(model.names):
+            box = gui.add_checkbox(name, True)
+            box.on_update(self._toggled(p, box))
+            self.shown.append(box)
+
+    def _toggled(self, part: int, box: viser.GuiCheckboxHandle) -> Callable[[viser.GuiEvent], None]:
+        return lambda event: self.actor.show_part(part, box.value)
+
+    def _add_files(self) -> None:
+        gui = self._server.gui
+        save = gui.add_button("Save posture")
+        export = gui.add_button("Export")
+        shot = gui.add_button("Screenshot")
+        self.written = gui.add_markdown("")
+
+        @save.on_click
+        def _(event: viser.GuiEvent) -> None:
+            self._tell("saved", lambda: self._savers.posture(self.actor))
+
+        @export.on_click
+        def _(event: viser.GuiEvent) -> None:
+            export.disabled, self.written.content = True, "exporting ..."
+            self._tell("exported", lambda: self._savers.export(self.actor))
+            export.disabled = False
+
+        @shot.on_click
+        def _(event: viser.GuiEvent) -> None:
+            if event.client is not None:
+                client = event.client
+                self._tell("saved", lambda: self._savers.screenshot(self.actor, screenshot(client)))
+
+    def _tell(self, word: str, write: Callable[[], Path]) -> None:
+        try:
+            self.written.content = f"{word}: `{write()}`"
+        except Exception as error:  # a viewer stays up
+            self.written.content = f"failed: {error}"
+
+
+def screenshot(client: viser.ClientHandle) -> bytes:
+    """What a browser shows, as PNG."""
+    height, width = client.camera.image_height or SHOT[0], client.camera.image_width or SHOT[1]
+    pixels = client.get_render(height, width, transport_format="png", timeout=30.0)
+    file = io.BytesIO()
+    if pixels.shape[-1] == 4:
+        white = Image.new("RGBA", pixels.shape[1::-1], (255, 255, 255, 255))
+        image = Image.alpha_composite(white, Image.fromarray(pixels)).convert("RGB")
+    else:
+        image = Image.fromarray(pixels)
+    image.save(file, "PNG")
+    return file.getvalue()
+
+
+def describe_part(actor: Actor, part: int) -> str:
+    """The picked part and its joint, in Markdown."""
+    model = actor.model
+    color = "#" + bytes(part_colors(model.n_parts)[part]).hex()
+    count = int((model.labels == part).sum())
+    lines = [f"**{model.names[part]}** (`{color}`), {count} points"]
+    if part > 0:
+        lines.append(f"{model.joint_type[part]} on {model.names[model.parent[part]]}, {joint_range(model, part)}")
+        lines.append(joint_note(actor.result, part))
+    return "  \n".join(filter(None, lines))
+
+
+def _spaced(html: str) -> str:
+    """The tree of the report, with the few styles it takes from its page."""
+    return html.replace('class="swatch" style="', 'style="display:inline-block;width:9px;height:9px;margin-right:6px;')

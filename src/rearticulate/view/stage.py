@@ -1,0 +1,71 @@
+"""The stage: a server with one object, or two side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import viser
+
+from rearticulate.records import FitResult, PointSequence
+from rearticulate.render.camera import View
+from rearticulate.view.actor import Actor, on_ray
+from rearticulate.view.controls import Controls, Savers
+
+APART = 1.25  # widths between two objects
+
+
+class Stage:
+    """Everything that one server shows."""
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        shown: Sequence[tuple[str, FitResult, PointSequence]],
+        savers: Savers,
+        view: View,
+    ) -> None:
+        self.server = server
+        server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
+        server.scene.set_up_direction(_direction(view.up))
+        right = view.R[0]
+        self.actors, place = [], 0.0
+        for name, result, sequence in shown:
+            across = np.concatenate(sequence.points) @ right
+            self.actors.append(Actor(server, name, result, sequence, (place - across.min()) * right))
+            place += APART * float(np.ptp(across))
+        self.controls = self._add_controls(savers)
+        self._look(view)
+        server.scene.on_click()(self._clicked)
+
+    def _add_controls(self, savers: Savers) -> list[Controls]:
+        if len(self.actors) == 1:
+            return [Controls(self.server, self.actors[0], savers)]
+        tabs, out = self.server.gui.add_tab_group(), []
+        for actor in self.actors:
+            with tabs.add_tab(actor.name):
+                out.append(Controls(self.server, actor, savers))
+        return out
+
+    def _look(self, view: View) -> None:
+        """The camera that a browser starts with."""
+        clouds = np.concatenate([np.concatenate(actor.sequence.points) + actor.offset for actor in self.actors])
+        middle = (clouds.min(axis=0) + clouds.max(axis=0)) / 2
+        reach = float(np.linalg.norm(clouds - middle, axis=1).max())
+        camera = self.server.initial_camera
+        camera.look_at = middle
+        camera.position = middle + 1.9 * reach * view.R[2]
+        camera.near, camera.far = 0.01 * reach, 50.0 * reach
+
+    def _clicked(self, event: viser.SceneClickEvent) -> None:
+        """The foremost object on the ray is picked."""
+        origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
+        hits = [(hit, k) for k, actor in enumerate(self.actors) if (hit := on_ray(actor, origin, direction))]
+        if hits:
+            (_, row), k = min(hits)
+            self.controls[k].pick(row)
+
+
+def _direction(up: str) -> tuple[float, float, float]:
+    axis = np.eye(3)["xyz".index(up[-1])] * (-1.0 if up.startswith("-") else 1.0)
+    return (float(axis[0]), float(axis[1]), float(axis[2]))
