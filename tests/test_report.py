@@ -2,18 +2,22 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from rearticulate.io.palette import part_hex
 from rearticulate.records import FitResult, Metric, PointSequence
 from rearticulate.render.camera import View
 from rearticulate.render.stills import write_pictures
-from rearticulate.report.html import write_report
-from rearticulate.report.scene import animation, named_axes
+from rearticulate.report.advice import advice
+from rearticulate.report.html import Score, write_report
+from rearticulate.report.scene import animation, named_axes, true_parts
 from rearticulate.report.summary import joint_rows, jsonable, length, result_as_dict
-from toy_result import FRAMES, toy
+from rearticulate.report.support import support
+from toy_result import FRAMES, toy, toy_truth
 
 PNG = b"\x89PNG"
 
@@ -22,7 +26,8 @@ PNG = b"\x89PNG"
 def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     result, sequence = toy(names=("base", "</script> & arm", "tip"))
     metrics = [Metric("recon_cm", 0.07, "cm", "lower")]
-    path = write_report(tmp_path_factory.mktemp("run"), result, sequence, metrics, title="a <toy>")
+    score = Score(metrics, toy_truth().labels[result.model.canonical])
+    path = write_report(tmp_path_factory.mktemp("run"), result, sequence, score, title="a <toy>")
     assert path.name == "report.html"
     return path.read_text(encoding="utf-8")
 
@@ -46,7 +51,7 @@ def test_the_figures_are_json_of_every_frame_and_part(page: str) -> None:
     figures = re.search(r'<script type="application/json" id="figures">(.*?)</script>', page, re.DOTALL)
     assert figures
     content = json.loads(figures.group(1))
-    assert set(content) == {"animation", "parts", "flow", "residual", "energy", "time"}
+    assert set(content) == {"animation", "parts", "flow", "misfit", "residual", "energy", "time", "truth"}
     assert len(content["animation"]["frames"]) == FRAMES
     assert [trace["name"] for trace in content["parts"]["data"]] == ["base", "</script> & arm", "tip", "joint axes"]
 
@@ -66,8 +71,6 @@ def test_one_rigid_body_has_a_report_too(tmp_path: Path) -> None:
 
 
 def rigid_body() -> tuple[FitResult, PointSequence]:
-    from dataclasses import replace
-
     result, sequence = toy()
     model = result.model
     one = replace(
@@ -83,6 +86,75 @@ def rigid_body() -> tuple[FitResult, PointSequence]:
     motion = replace(result.motion, q=result.motion.q[:, :1])
     labels = (one.labels,) * FRAMES
     return replace(result, model=one, motion=motion, joints=result.joints[:1], labels=labels), sequence
+
+
+def test_true_parts_have_the_colours_of_the_parts_that_were_found() -> None:
+    result, _ = toy()
+    swapped = np.array([2, 0, 1])[result.model.labels]
+    swapped[:5] = 3  # a true part that was not found
+    colors = {trace["name"]: trace["marker"]["color"] for trace in true_parts(result, swapped)["data"]}
+    found = part_hex(5)
+    assert [colors[f"true part {t}"] for t in (2, 0, 1)] == found[:3]
+    assert colors["true part 3"] not in found[:3]
+
+
+def test_support_is_whole_where_all_was_measured_and_less_where_not() -> None:
+    result, sequence = toy()
+    seen = support(result, sequence)
+    assert (seen.of_frames() == 1).all() and (seen.misfit() < 1e-9).all()
+    kept = result.model.labels != 2  # frame 3 does not show the tip, nor half of the arm
+    kept[150:240] = False
+    points = (*sequence.points[:3], sequence.points[3][kept])
+    labels = (*result.labels[:3], result.labels[3][kept])
+    seen = support(replace(result, labels=labels), replace(sequence, points=points))
+    assert (seen.of_frames()[:3] == 1).all() and seen.of_frames()[3] < 0.75
+    assert seen.of_parts(3)[3].argmin() == 2 and seen.of_parts(3)[3, 0] == 1
+
+
+def advised(result: FitResult, sequence: PointSequence) -> dict[str, str]:
+    return {
+        item.about: f"{item.finding} | {item.remedy}" for item in advice(result, sequence, support(result, sequence))
+    }
+
+
+def test_advice_names_what_is_uncertain_and_the_scan_that_would_settle_it() -> None:
+    result, sequence = toy()
+    told = advised(result, sequence)
+    assert set(told) == {"joint of tip"}
+    assert (
+        "moves within the noise" in told["joint of tip"]
+        and "move tip further than the 90 mm seen" in told["joint of tip"]
+    )
+    sure, arm, tip = result.joints
+    arm = replace(arm, runner_up_margin=3.0)
+    tip = replace(tip, determined=True, note="", axis_std=0.1)
+    told = advised(replace(result, joints=(sure, arm, tip)), sequence)
+    assert "revolute or prismatic: the data hardly tell" in told["joint of arm"]
+    assert "known to ±5.7° only" in told["joint of tip"]
+    hidden = replace(tip, determined=False, note="its motion leaves the surface where it is")
+    assert (
+        "put something on tip that sticks out"
+        in advised(replace(result, joints=(sure, arm, hidden)), sequence)["joint of tip"]
+    )
+    small = replace(arm, observed_range=0.05, runner_up_margin=1e3)
+    assert "it moved by 2.9° only" in advised(replace(result, joints=(sure, small, tip)), sequence)["joint of arm"]
+
+
+def test_advice_names_frames_and_parts_that_were_not_covered() -> None:
+    result, sequence = toy()
+    kept = result.model.labels == 0
+    points = (*sequence.points[:3], sequence.points[3][kept])
+    labels = (*result.labels[:3], result.labels[3][kept])
+    told = advised(replace(result, labels=labels), replace(sequence, points=points))
+    assert "of the object seen | cover the side that is missing" in told["frame 3"]
+    kept = (result.model.labels != 2) | (np.arange(360) % 4 > 0)
+    few = tuple(points[kept][::3] for points in sequence.points)
+    told = advised(
+        replace(result, labels=tuple(labels[kept][::3] for labels in result.labels)), replace(sequence, points=few)
+    )
+    assert "30 points a frame" in told["tip"] and "scan denser" in told["tip"]
+    worse = replace(result, residual=np.array([1e-3, 1e-3, 9e-3, 1e-3]))
+    assert "take more frames there" in advised(worse, sequence)["frame 2"]
 
 
 def test_pictures(tmp_path: Path) -> None:

@@ -210,12 +210,13 @@ def view(
 def evaluate(
     result: ResultFolder,
     truth: Annotated[Path, typer.Argument(metavar="TRUTH", help="Its ground truth, a .truth.npz.")],
+    report: Annotated[bool, typer.Option("--report", help="Write report.html anew, with the comparison.")] = False,
     json: Json = False,
 ) -> None:
     """Compare a result with ground truth."""
     from rearticulate.commands.inspect import run_eval
 
-    run_eval(result, truth, json)
+    run_eval(result, truth, report, json)
 
 
 @app.command()

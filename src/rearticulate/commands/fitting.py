@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,8 @@ from rearticulate.errors import InputError
 from rearticulate.io.model import check_output, load_result, load_sequence_of, save_result
 from rearticulate.io.sequence import load_sequence
 from rearticulate.io.stages import StageStore
-from rearticulate.records import FitResult, Metric, PointSequence
+from rearticulate.records import FitResult, PointSequence
+from rearticulate.report.html import Score, write_report
 from rearticulate.report.summary import jsonable, result_as_dict
 
 
@@ -73,7 +74,7 @@ def run_fit(source: str, out: Path, options: FitOptions, scale: float, max_point
 
 def run_demo(name: str | None, out: Path, as_json: bool) -> None:
     """The command `demo`: fit a bundled sequence, compare with ground truth, replace an earlier demo."""
-    from rearticulate.evaluate.metrics import evaluate
+    from rearticulate.evaluate.metrics import canonical_labels, evaluate
     from rearticulate.io.truth import load_truth
     from rearticulate.synth import bundled
 
@@ -84,8 +85,9 @@ def run_demo(name: str | None, out: Path, as_json: bool) -> None:
     check_output(out, overwrite=True)
     sequence = load_sequence(bundled.path(name))
     result = fit_with_progress(sequence, options.resolve(), None, out, options)
-    metrics = evaluate(result, load_truth(bundled.truth_path(name)), sequence)
-    write_result(out, result, sequence, metrics, options)
+    truth = load_truth(bundled.truth_path(name))
+    metrics = evaluate(result, truth, sequence)
+    write_result(out, result, sequence, Score(metrics, canonical_labels(result, truth, sequence)), options)
     if as_json:
         print_json({"out": str(out), **result_as_dict(result), "metrics": {m.key: m.value for m in metrics}})
         return
@@ -116,7 +118,7 @@ def write_result(
     out: Path,
     result: FitResult,
     sequence: PointSequence,
-    metrics: Sequence[Metric] | None,
+    score: Score | None,
     options: FitOptions,
     extra: Callable[[Path], None] = lambda folder: None,
 ) -> None:
@@ -124,11 +126,10 @@ def write_result(
 
     def more(folder: Path) -> None:
         from rearticulate.render.stills import write_pictures
-        from rearticulate.report.html import write_report
 
         extra(folder)
         if options.report:
-            write_report(folder, result, sequence, metrics, title=out.resolve().name)
+            write_report(folder, result, sequence, score, title=out.resolve().name)
             write_pictures(folder, result, sequence)
 
     save_result(out, result, sequence, overwrite=options.overwrite, extra=more)

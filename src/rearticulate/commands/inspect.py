@@ -16,11 +16,17 @@ from rearticulate.records import GroundTruth, PointSequence
 from rearticulate.report.summary import length, result_as_dict
 
 
-def run_eval(folder: Path, truth: Path, as_json: bool) -> None:
+def run_eval(folder: Path, truth_file: Path, report: bool, as_json: bool) -> None:
     """The command `eval`."""
-    from rearticulate.evaluate.metrics import evaluate
+    from rearticulate.evaluate.metrics import canonical_labels, evaluate
 
-    metrics = evaluate(load_result(folder), load_truth(truth), load_sequence_of(folder))
+    result, truth, sequence = load_result(folder), load_truth(truth_file), load_sequence_of(folder)
+    metrics = evaluate(result, truth, sequence)
+    if report:
+        from rearticulate.report.html import Score, write_report
+
+        score = Score(metrics, canonical_labels(result, truth, sequence))
+        write_report(folder, result, sequence, score, title=folder.resolve().name)
     if as_json:
         print_json({m.key: m.value for m in metrics})
     else:

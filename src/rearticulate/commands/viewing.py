@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import socket
 import time
 import webbrowser
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -49,7 +51,8 @@ def open_stage(folders: list[Path], host: str, port: int, up: str) -> Stage:
 
         from rearticulate.view.stage import Stage
     _check_free(host, port)
-    server = viser.ViserServer(host=host, port=port or _any_port(host), label="rearticulate", verbose=False)
+    with redirect_stdout(io.StringIO()):  # its banner
+        server = viser.ViserServer(host=host, port=port or _any_port(host), label="rearticulate", verbose=False)
     shown = [(name, *pair) for name, pair in zip(names, loaded, strict=True)]
     return Stage(server, shown, savers(dict(zip(names, folders, strict=True)), up), view)
 

@@ -22,7 +22,7 @@ def evaluate(result: FitResult, truth: GroundTruth, sequence: PointSequence) -> 
     """All metrics of a fit. sequence: what was fitted; its `index` leads from fitted points to the truth's labels."""
     _check(result, truth, sequence)
     true_labels = [truth.labels[f][sequence.index[f]] for f in range(len(sequence))]
-    labels = true_labels[result.model.canonical]
+    labels = canonical_labels(result, truth, sequence)
     return [
         *flow_metrics(*point_motion(result, truth, labels)),
         *_segmentation_metrics(result, true_labels),
@@ -32,6 +32,12 @@ def evaluate(result: FitResult, truth: GroundTruth, sequence: PointSequence) -> 
         Metric("parts_true", len(truth.parent), "parts", "lower"),
         *_joint_metrics(result, truth, true_labels),
     ]
+
+
+def canonical_labels(result: FitResult, truth: GroundTruth, sequence: PointSequence) -> IntArray:
+    """(N,) true part of every point of the canonical cloud."""
+    c = result.model.canonical
+    return truth.labels[c][sequence.index[c]]
 
 
 def _check(result: FitResult, truth: GroundTruth, sequence: PointSequence) -> None:

@@ -4,55 +4,82 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
 from importlib import resources
 from pathlib import Path
 from string import Template
 
-from rearticulate.records import FitResult, Metric, PointSequence
+from rearticulate.io.atomic import atomic_file
+from rearticulate.records import FitResult, IntArray, Metric, PointSequence
 from rearticulate.report import charts, scene, tables
+from rearticulate.report.advice import advice
 from rearticulate.report.summary import headline, jsonable
+from rearticulate.report.support import Support, support
 
 FILE_NAME = "report.html"
+
+
+@dataclass(frozen=True)
+class Score:
+    """A result against ground truth. labels (N,): true part of every canonical point."""
+
+    metrics: Sequence[Metric]
+    labels: IntArray
 
 
 def write_report(
     folder: str | Path,
     result: FitResult,
     sequence: PointSequence,
-    metrics: Sequence[Metric] | None = None,
+    score: Score | None = None,
     title: str | None = None,
 ) -> Path:
-    """Write `report.html` into the folder and return its path."""
+    """Write `report.html` into the folder and return its path. score: how the result compares with ground truth."""
     path = Path(folder) / FILE_NAME
-    path.write_text(_page(result, sequence, metrics, title or Path(folder).name), encoding="utf-8")
+    page = _page(result, sequence, score, title or Path(folder).name)
+    with atomic_file(path) as partial:
+        partial.write_text(page, encoding="utf-8")
     return path
 
 
-def _page(result: FitResult, sequence: PointSequence, metrics: Sequence[Metric] | None, title: str) -> str:
+def _page(result: FitResult, sequence: PointSequence, score: Score | None, title: str) -> str:
     template = resources.files("rearticulate.report").joinpath("page.html").read_text(encoding="utf-8")
+    seen = support(result, sequence)
     return Template(template).substitute(
         title=escape(title),
         facts="".join(f"<li>{escape(fact)}</li>" for fact in headline(result, sequence)),
-        metrics=_section("Against ground truth", tables.metric_table(metrics)) if metrics else "",
+        score=_score(score) if score else "",
         tree=tables.tree(result.model),
         joints=tables.joint_table(result),
+        advice=tables.advice_table(advice(result, sequence, seen)),
         configuration=tables.configuration(result),
-        figures=_script_json(_figures(result, sequence)),
+        figures=_script_json(_figures(result, sequence, seen, score)),
         plotly=_plotly_source(),
     )
 
 
-def _figures(result: FitResult, sequence: PointSequence) -> dict[str, scene.Figure]:
+def _score(score: Score) -> str:
+    metrics = _section("Against ground truth", tables.metric_table(score.metrics))
+    parts = _section("True parts <small>canonical frame, in the colours of the parts found</small>", _figure("truth"))
+    return f'<div class="pair">{metrics}{parts}</div>'
+
+
+def _figure(name: str) -> str:
+    return f'<div class="figure" id="{name}"></div>'
+
+
+def _figures(result: FitResult, sequence: PointSequence, seen: Support, score: Score | None) -> dict[str, scene.Figure]:
     figures = {
         "animation": scene.animation(result, sequence),
         "parts": scene.canonical_parts(result),
         "flow": scene.scene_flow(result),
+        "misfit": scene.misfit(result, seen),
         "residual": charts.residual_chart(result),
         "energy": charts.energy_chart(result),
         "time": charts.time_chart(result),
     }
-    return figures
+    return figures if score is None else {**figures, "truth": scene.true_parts(result, score.labels)}
 
 
 def _section(title: str, body: str) -> str:

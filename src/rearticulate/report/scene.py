@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from rearticulate.geometry.se3 import transform
 from rearticulate.geometry.thin import thinned
 from rearticulate.io.palette import part_hex
 from rearticulate.records import FitResult, KinematicModel, PointSequence
 from rearticulate.render.axes import axis_segments
+from rearticulate.report.support import Support
 
 Array = NDArray[np.floating]
 Figure = dict[str, Any]
@@ -53,6 +55,39 @@ def canonical_parts(result: FitResult) -> Figure:
     data = _cloud_traces(model.names, *_thin(model.points, model.labels, 2 * FRAME_BUDGET))
     data.append(_axes_trace(*named_axes(model, identity)))
     return {"data": data, "layout": {"scene": _scene(_bounds([model.points]))}}
+
+
+def true_parts(result: FitResult, labels: NDArray[np.integer]) -> Figure:
+    """The rest pose in its true parts, each in the colour of the found part that shares most of its points."""
+    model = result.model
+    shared = np.zeros((int(labels.max()) + 1, model.n_parts))
+    np.add.at(shared, (labels, model.labels), 1)
+    true, found = linear_sum_assignment(-shared)
+    partner = dict(zip(true.tolist(), found.tolist(), strict=True))
+    spare = part_hex(model.n_parts + len(shared))[model.n_parts :]
+    colors = part_hex(model.n_parts)
+    points, own = _thin(model.points, labels, 2 * FRAME_BUDGET)
+    data = [
+        _points_trace(f"true part {t}", points[own == t], colors[partner[t]] if t in partner else spare[t], 2.6)
+        for t in range(len(shared))
+    ]
+    return {"data": data, "layout": {"scene": _scene(_bounds([model.points]))}}
+
+
+def misfit(result: FitResult, seen: Support) -> Figure:
+    """Where on the object the fitted motion and the measured points differ, mm."""
+    values = 1000 * seen.misfit()
+    trace = _points_trace("misfit", seen.points, "#888888", 2.6)
+    trace["marker"] = {
+        "size": 2.6,
+        "color": packed(values),
+        "colorscale": "Viridis",
+        "cmin": 0.0,
+        "cmax": float(np.quantile(values, 0.99)) or 1.0,
+        "colorbar": {"title": {"text": "mm"}, "thickness": 10, "len": 0.7, "outlinewidth": 0},
+    }
+    trace["hovertemplate"] = "%{marker.color:.2f} mm<extra></extra>"
+    return {"data": [trace], "layout": {"scene": _scene(_bounds([result.model.points]))}}
 
 
 def scene_flow(result: FitResult) -> Figure:

@@ -9,6 +9,7 @@ from html import escape
 
 from rearticulate.io.palette import part_hex
 from rearticulate.records import FitResult, KinematicModel, Metric
+from rearticulate.report.advice import Advice
 from rearticulate.report.summary import JointRow, children, joint_rows, jsonable
 
 _HEADS = {"kind": "type", "range": "observed range", "origin": "origin, m", "note": "confidence"}
@@ -41,6 +42,14 @@ def metric_table(metrics: Sequence[Metric]) -> str:
     """Every metric with its unit and direction."""
     rows = [(escape(m.key), f"{m.value:.4g}", escape(m.unit), "↓" if m.better == "lower" else "↑") for m in metrics]
     return table(["metric", "value", "unit", "better"], rows)
+
+
+def advice_table(items: Sequence[Advice]) -> str:
+    """What is uncertain, why, and what scan would settle it."""
+    if not items:
+        return "<p>Every joint is determined, every part was seen, and all frames fit alike.</p>"
+    rows = [(escape(item.about), escape(item.finding), escape(item.remedy)) for item in items]
+    return table(["about", "uncertain", "what would settle it"], rows)
 
 
 def tree(model: KinematicModel) -> str:

@@ -20,7 +20,7 @@ from rearticulate.records import Posture
 from rearticulate.render.panels import novel_posture
 from rearticulate.report.summary import headline, joint_note, joint_range
 from rearticulate.report.tables import tree
-from rearticulate.view.actor import Actor
+from rearticulate.view.actor import FEW, Actor
 from rearticulate.view.hand import Hand
 
 RATE = 15.0  # steps a second while playing
@@ -90,6 +90,7 @@ class Controls:
         self.play = gui.add_button("Play", disabled=last < 1)
         measured = gui.add_checkbox("measured points", True)
         axes = gui.add_checkbox("joint axes", True)
+        labels = gui.add_checkbox("joint labels", self.actor.model.n_parts - 1 <= FEW)
 
         @self.time.on_update
         def _(event: viser.GuiEvent) -> None:
@@ -99,6 +100,7 @@ class Controls:
         self.play.on_click(lambda event: self._toggle_play())
         measured.on_update(lambda event: self.actor.show_measured(measured.value))
         axes.on_update(lambda event: self.actor.show_axes(axes.value))
+        labels.on_update(lambda event: self.actor.show_labels(labels.value))
 
     def _toggle_play(self) -> None:
         self._playing = not self._playing
@@ -131,13 +133,10 @@ class Controls:
             slack = BEYOND * (high - low) + 1e-3
             for letter, where in zip("xyz", model.values(j), strict=False):
                 unit = self._unit(where)
-                label = (
-                    f"{model.names[j]}{' ' + letter if kind == 'spherical' else ''} ({'cm' if unit == 100 else '°'})"
-                )
-                low_shown, high_shown = (low - slack) * unit, (high + slack) * unit
-                slider = self._server.gui.add_slider(
-                    label, low_shown, high_shown, (high_shown - low_shown) / 500, 0.0, hint=kind
-                )
+                turns, digits = ("°", 1) if unit != 100 else ("cm", 2)
+                name = f"{model.names[j]} {letter}" if kind == "spherical" else model.names[j]
+                ends = [round(float(unit * x), digits) for x in (low - slack, high + slack)]
+                slider = self._server.gui.add_slider(f"{name}, {turns}", *ends, 10.0**-digits, 0.0, hint=kind)
                 slider.on_update(self._slid(where, slider))
                 out[where] = slider
         return out
@@ -248,5 +247,7 @@ def describe_part(actor: Actor, part: int) -> str:
 
 
 def _spaced(html: str) -> str:
-    """The tree of the report, with the few styles it takes from its page."""
-    return html.replace('class="swatch" style="', 'style="display:inline-block;width:9px;height:9px;margin-right:6px;')
+    """The tree of the report, with the few styles that it takes from its page."""
+    square = "display:inline-block;width:9px;height:9px;border-radius:2px;margin-right:6px;"
+    html = html.replace('class="swatch" style="', f'style="{square}')
+    return html.replace("<ul", '<ul style="list-style:none;margin:0;padding-left:11px"')

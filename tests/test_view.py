@@ -1,0 +1,300 @@
+"""The viewer, end to end in a headless Chromium. Pictures of it are left in test-artifacts/."""
+
+from __future__ import annotations
+
+import io
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from oracle import perfect_fit
+from rearticulate.commands.viewing import numbered, open_stage, stage_names
+from rearticulate.geometry.se3 import transform
+from rearticulate.io import load_sequence, load_truth, save_result
+from rearticulate.io.posture import load_posture
+from rearticulate.records import Posture
+from rearticulate.synth import bundled
+from rearticulate.view.actor import on_ray
+from rearticulate.view.stage import Stage
+from test_cli import one_line, run
+from toy_result import toy
+
+ARTIFACTS = Path(__file__).parents[1] / "test-artifacts"
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine: apt-get install chromium")
+KNOWN = "THREE.Clock"  # a warning of the library that viser draws with
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The bundled arm, as a perfect fit."""
+    path = tmp_path_factory.mktemp("results") / "arm"
+    sequence = load_sequence(bundled.path("so101"))
+    save_result(path, perfect_fit(sequence, load_truth(bundled.truth_path("so101")), 5), sequence)
+    return path
+
+
+@pytest.fixture(scope="module")
+def stage(folder: Path) -> Iterator[Stage]:
+    stage = open_stage([folder], "127.0.0.1", 0, "z")
+    yield stage
+    stage.server.stop()
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+class Page:
+    """A page of the viewer, and what its console said."""
+
+    def __init__(self, chromium: Any, stage: Stage) -> None:
+        self.stage, self.trouble = stage, []
+        self.page = chromium.new_page(viewport={"width": 1200, "height": 800})
+        self.page.on("console", lambda m: self.trouble.append(m.text) if m.type in ("error", "warning") else None)
+        self.page.on("pageerror", lambda error: self.trouble.append(str(error)))
+        self.page.on("requestfailed", lambda request: self.trouble.append(f"failed: {request.url}"))
+        self.page.goto(f"http://127.0.0.1:{stage.server.get_port()}")
+        self.page.get_by_text("Recording").first.wait_for(timeout=60_000)
+        until(lambda: self.picture().std() > 3, "nothing is drawn")
+        close = self.page.locator(".mantine-Notification-closeButton")  # that the drawing is done by software
+        for _ in range(close.count()):
+            close.first.click()
+        self.page.wait_for_timeout(500)
+
+    def picture(self, name: str = "") -> np.ndarray:
+        """What is drawn; kept under a name."""
+        png = self.page.screenshot(clip={"x": 0, "y": 0, "width": 880, "height": 800})
+        if name:
+            ARTIFACTS.mkdir(exist_ok=True)
+            self.page.screenshot(path=ARTIFACTS / f"{name}.png")
+        return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), dtype=float)
+
+    def field(self, label: str) -> Any:
+        """The input in the row of a label."""
+        row = self.page.get_by_text(label, exact=True).first.locator("xpath=ancestor::*[.//input][1]")
+        return row.locator("input").last
+
+    def set(self, label: str, value: float) -> None:
+        """Type a number."""
+        field = self.field(label)
+        field.fill(str(value))
+        field.press("Enter")
+
+    def screen(self, point: np.ndarray) -> tuple[float, float]:
+        """Where a point of the stage (3,) is on the page, from the camera that the browser reports."""
+        (client,) = self.stage.server.get_clients().values()
+        camera = client.camera
+        forward = np.asarray(camera.look_at) - camera.position
+        forward = forward / np.linalg.norm(forward)
+        right = np.cross(forward, camera.up_direction)
+        right = right / np.linalg.norm(right)
+        offset = point - camera.position
+        half = np.tan(camera.fov / 2)
+        x = offset @ right / (offset @ forward) / half / camera.aspect
+        y = offset @ np.cross(right, forward) / (offset @ forward) / half
+        canvas = self.page.locator("canvas").first.bounding_box()
+        return canvas["x"] + canvas["width"] * (1 + x) / 2, canvas["y"] + canvas["height"] * (1 - y) / 2
+
+
+@pytest.fixture
+def page(chromium: Any, stage: Stage) -> Iterator[Page]:
+    for control in stage.controls:
+        control.hand.unpin()
+        control.show_frame(control.actor.model.canonical)
+    page = Page(chromium, stage)
+    yield page
+    trouble = [text for text in page.trouble if KNOWN not in text]
+    page.page.close()
+    until(lambda: not stage.server.get_clients(), "the page is still connected")
+    assert not trouble
+
+
+def until(true: Callable[[], object], otherwise: str, seconds: float = 30.0) -> None:
+    """Wait until something holds."""
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end, otherwise
+        time.sleep(0.05)
+
+
+@needs_chromium
+def test_a_slider_moves_the_cloud(page: Page) -> None:
+    actor = page.stage.actors[0]
+    before, cloud = page.picture("viewer-rest"), actor.posed()[0]
+    page.set("part_2, °", 25)
+    until(lambda: abs(np.degrees(actor.posture.q[2]) - 25) < 0.1, "the joint did not move")
+    assert np.count_nonzero(np.delete(actor.posture.q, 2)) == 0
+    page.page.wait_for_timeout(500)
+    after, labels = page.picture("viewer-slider"), actor.posed()[1]
+    expected = actor.model.forward(actor.posture.q)[labels]
+    np.testing.assert_allclose(actor.posed()[0], transform(expected, actor.cloud[0]), atol=1e-12)
+    assert np.abs(actor.posed()[0] - cloud)[labels >= 2].max() > 0.05
+    assert (np.abs(after - before).max(axis=-1) > 30).mean() > 0.005
+    handle = page.stage.server.scene.get_handle_by_name(f"/{actor.name}/part_6")
+    np.testing.assert_allclose(handle.position, actor.T_world_part[6][:3, 3], atol=1e-6)
+
+
+@needs_chromium
+def test_time_shows_the_measured_frame_and_its_posture(page: Page) -> None:
+    actor = page.stage.actors[0]
+    page.set("frame", 2)
+    until(lambda: actor.frame == 2, "the frame did not change")
+    np.testing.assert_allclose(actor.posture.q, actor.result.motion.q[2])
+    shown = [f for f in range(10) if page.stage.server.scene.get_handle_by_name(f"/{actor.name}/frame_{f}").visible]
+    assert shown == [2]
+    page.page.get_by_role("button", name="Play").click()
+    until(lambda: actor.frame >= 4, "it does not play")
+    page.page.get_by_role("button", name="Pause").click()
+    page.page.wait_for_timeout(400)
+    stopped = actor.posture.q.copy()
+    page.page.wait_for_timeout(400)
+    np.testing.assert_array_equal(actor.posture.q, stopped)
+    page.picture("viewer-played")
+
+
+@needs_chromium
+def test_dragging_the_hand_moves_the_joints(page: Page) -> None:
+    actor, hand = page.stage.actors[0], page.stage.controls[0].hand
+    before, held = actor.posture.q.copy(), hand.position
+    reach = np.array([0.0, 0.0, 0.09 * actor.size])  # on the arrow that points up
+    x, y = page.screen(held + reach)
+    mouse = page.page.mouse
+    mouse.move(x, y)
+    page.page.wait_for_timeout(300)
+    mouse.down()
+    for step in range(1, 11):
+        mouse.move(x, y - 9 * step)
+        page.page.wait_for_timeout(60)
+    page.picture("viewer-dragged")
+    mouse.up()
+    until(lambda: np.abs(actor.posture.q - before).max() > 0.05, "the joints did not move")
+    page.page.wait_for_timeout(500)
+    assert hand.position[2] - held[2] > 0.01
+    node = page.stage.server.scene.get_handle_by_name(f"/{actor.name}/hand")
+    np.testing.assert_allclose(node.position, hand.position, atol=1e-6)
+    np.testing.assert_array_equal(actor.posture.T_world_root, np.eye(4))
+    shown = float(page.field("part_2, °").input_value().rstrip("°"))
+    assert shown == pytest.approx(np.degrees(actor.posture.q[2]), abs=0.2)
+
+
+@needs_chromium
+def test_a_click_picks_a_part(page: Page) -> None:
+    actor, control = page.stage.actors[0], page.stage.controls[0]
+    page.field("measured points")
+    points, labels = actor.posed()
+    middle = points[labels == 3].mean(axis=0)
+    own = points[labels == 3]
+    target = own[np.linalg.norm(own - middle, axis=1).argmin()]
+    page.page.mouse.click(*page.screen(target))
+    until(lambda: control.hand.part == 3, f"part {control.hand.part} was picked")
+    page.page.get_by_text("part_3", exact=True).first.wait_for()
+    assert np.linalg.norm(control.hand.position - target) < 0.1 * actor.size
+
+
+@needs_chromium
+def test_parts_can_be_hidden(page: Page) -> None:
+    actor = page.stage.actors[0]
+    before = page.picture()
+    page.field("part_0").click()
+    until(lambda: not actor.shown_parts()[0], "the part is still shown")
+    page.page.wait_for_timeout(500)
+    assert (np.abs(page.picture("viewer-hidden") - before).max(axis=-1) > 30).mean() > 0.003
+    page.field("part_0").click()
+    until(lambda: actor.shown_parts()[0], "the part is still hidden")
+
+
+@needs_chromium
+def test_buttons_write_files(page: Page, folder: Path) -> None:
+    actor = page.stage.actors[0]
+    page.set("part_1, °", -20)
+    until(lambda: actor.posture.q[1] < -0.3, "the joint did not move")
+    page.page.get_by_role("button", name="Save posture").click()
+    until((folder / "postures" / "001.json").exists, "no posture was saved")
+    np.testing.assert_allclose(load_posture(folder / "postures" / "001.json", actor.model).q, actor.posture.q)
+    page.page.get_by_role("button", name="Screenshot").click()
+    until((folder / "screenshots" / "001.png").exists, "no screenshot was saved")
+    ARTIFACTS.mkdir(exist_ok=True)
+    shutil.copy(folder / "screenshots" / "001.png", ARTIFACTS / "viewer-screenshot.png")
+    picture = np.asarray(Image.open(folder / "screenshots" / "001.png"), dtype=float)
+    assert picture.shape[0] >= 700 and picture.std() > 3
+    page.page.get_by_role("button", name="Export").click()
+    until((folder / "export" / "export.json").exists, "nothing was exported", 120)
+    assert (folder / "export" / "arm.urdf").exists()
+
+
+@needs_chromium
+def test_two_results_side_by_side(chromium: Any, folder: Path, tmp_path: Path) -> None:
+    save_result(tmp_path / "lamp", *toy(200))
+    stage = open_stage([folder, tmp_path / "lamp"], "127.0.0.1", 0, "z")
+    try:
+        page = Page(chromium, stage)
+        page.picture("viewer-two")
+        page.page.get_by_role("tab", name="lamp").click()
+        page.set("arm, °", 10)
+        until(lambda: abs(np.degrees(stage.actors[1].posture.q[1]) - 10) < 0.1, "the second object did not move")
+        assert not stage.actors[0].posture.q.any()
+        assert not [text for text in page.trouble if KNOWN not in text]
+        boxes = [np.concatenate(a.sequence.points) + a.offset for a in stage.actors]
+        right = np.linalg.svd(np.cov(np.array([a.offset for a in stage.actors]).T))[0][:, 0]
+        spans = sorted(sorted((float((box @ right).min()), float((box @ right).max()))) for box in boxes)
+        assert spans[0][1] < spans[1][0]
+        page.page.close()
+    finally:
+        stage.server.stop()
+
+
+def test_pins_hold_while_others_are_dragged(stage: Stage) -> None:
+    actor, hand = stage.actors[0], stage.controls[0].hand
+    stage.controls[0].show(Posture.rest(actor.model))
+    points, labels = actor.cloud
+    hand.take(int(np.flatnonzero(labels == 3)[0]))
+    hand.pin()
+    pinned = hand.position
+    hand.take(int(np.flatnonzero(labels == 6)[0]))
+    target = hand.position + np.array([0.0, 0.02, 0.02])
+    before = np.linalg.norm(target - hand.position)
+    hand.drag_to(target)
+    assert np.linalg.norm(hand.position - target) < 0.7 * before
+    now = transform(actor.T_world_part[3], points[labels == 3][0])
+    assert np.linalg.norm(now - pinned) < 0.01
+    hand.unpin()
+    stage.controls[0].show(Posture.rest(actor.model))
+
+
+def test_a_ray_meets_the_foremost_point(stage: Stage) -> None:
+    actor = stage.actors[0]
+    points, _ = actor.posed()
+    eye = points.mean(axis=0) + actor.offset + np.array([0.0, 0.0, 5.0])
+    distance, row = on_ray(actor, eye, np.array([0.0, 0.0, -1.0])) or (0.0, -1)
+    column = np.linalg.norm((points + actor.offset - eye)[:, :2], axis=1) < 0.012 * actor.size
+    assert row == np.flatnonzero(column)[points[column, 2].argmax()]
+    assert distance == pytest.approx(5.0 + points.mean(axis=0)[2] - points[row, 2])
+    assert on_ray(actor, eye, np.array([0.0, 0.0, 1.0])) is None
+
+
+def test_names_and_numbers(tmp_path: Path) -> None:
+    assert stage_names([tmp_path / "a", tmp_path / "b"]) == ["a", "b"]
+    assert stage_names([tmp_path / "a", tmp_path / "x" / "a"]) == ["a 1", "a 2"]
+    assert numbered(tmp_path, ".json").name == "001.json"
+    (tmp_path / "001.json").touch()
+    assert numbered(tmp_path, ".json").name == "002.json"
+
+
+def test_a_port_in_use_and_a_missing_result_are_one_line(stage: Stage, folder: Path, tmp_path: Path) -> None:
+    taken = run("view", folder, "--port", stage.server.get_port())
+    assert taken.exit_code == 1 and "cannot listen there" in one_line(taken)
+    assert "no result here" in one_line(run("view", tmp_path / "nothing"))
