@@ -16,9 +16,19 @@ if TYPE_CHECKING:
     from rearticulate.config import FitConfig
     from rearticulate.errors import FitError, InputError, InputWarning
     from rearticulate.evaluate.metrics import evaluate
-    from rearticulate.io import load_model, load_result, load_sequence, load_truth, save_result
+    from rearticulate.export.write import save_robot
+    from rearticulate.io import (
+        load_model,
+        load_result,
+        load_scans,
+        load_sequence,
+        load_sequence_of,
+        load_truth,
+        save_result,
+    )
     from rearticulate.pipeline import fit
     from rearticulate.pose.retarget import retarget
+    from rearticulate.pose.track import track
     from rearticulate.records import FitResult, KinematicModel, PointSequence
     from rearticulate.synth.simulate import simulate
 
@@ -35,9 +45,13 @@ _HOME = {
     "load_model": "io",
     "load_result": "io",
     "load_sequence": "io",
+    "load_sequence_of": "io",
     "load_truth": "io",
     "retarget": "pose.retarget",
+    "load_scans": "io",
     "save_result": "io",
+    "save_robot": "export.write",
+    "track": "pose.track",
     "simulate": "synth.simulate",
 }
 
@@ -46,8 +60,12 @@ __all__ = [  # noqa: RUF022  (in the order of use)
     "fit",
     "save_result",
     "load_result",
+    "load_sequence_of",
     "load_model",
     "retarget",
+    "load_scans",
+    "track",
+    "save_robot",
     "load_truth",
     "evaluate",
     "simulate",

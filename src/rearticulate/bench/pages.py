@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from rearticulate.bench import flow_page, loops_page, paper_pages, results_page
+from rearticulate.bench import flow_page, loops_page, paper_pages, results_page, use_page
 from rearticulate.bench.runner import Answer, Job
 from rearticulate.errors import InputError
 
@@ -27,6 +27,7 @@ PAGES = {
     "time": Page([*paper_pages.ROBOT_JOBS, *paper_pages.HOUSEHOLD_JOBS], paper_pages.run_time),
     "loops": Page([], loops_page.report),
     "flow": Page(flow_page.JOBS, flow_page.report),
+    "use": Page(use_page.JOBS, use_page.report),
 }
 
 

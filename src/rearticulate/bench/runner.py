@@ -23,14 +23,15 @@ Answer = dict[str, Any]  # see worker.run_case
 
 @dataclass(frozen=True)
 class Job:
-    """One fit: a case under one of `variants.VARIANTS`."""
+    """One fit: a case under one of `variants.VARIANTS`. use: the model is exported, posed and simulated as well."""
 
     case: Case
     variant: str = "direct"
+    use: bool = False
 
     @property
     def name(self) -> str:
-        return f"{self.variant}/{self.case.name}"
+        return f"{self.variant}/{self.case.name}" + (" used" if self.use else "")
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Runner:
     def path(self, job: Job) -> Path:
         """Where the answer of a job is kept."""
         key = f"{code_hash()}-{config_hash(variant(job.variant, self.quick))}-{self.seed}"
-        return self.cache / key / f"{job.case.name.replace('/', '-')}.json"
+        return self.cache / key / f"{job.case.name.replace('/', '-')}{'-used' if job.use else ''}.json"
 
     def _run_one(self, job: Job) -> None:
         path = self.path(job)
@@ -62,7 +63,7 @@ class Runner:
         limits = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), threads)
         module = "rearticulate.bench.worker"
         wanted = [job.case.name, job.variant, "quick" if self.quick else "full", str(self.seed), str(path)]
-        command = [sys.executable, "-m", module, *wanted]
+        command = [sys.executable, "-m", module, *wanted, *(["use"] if job.use else [])]
         done = subprocess.run(command, env={**os.environ, **limits}, capture_output=True, text=True, check=False)
         if done.returncode:
             line = f"failed: {(done.stderr.strip() or f'exit code {done.returncode}').splitlines()[-1]}"

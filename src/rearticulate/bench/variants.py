@@ -9,7 +9,7 @@ from typing import Any
 from rearticulate.config import PRESETS, FitConfig
 from rearticulate.errors import InputError
 
-QUICK = {"chamfer_iterations": 300, "emd_iterations": 500, "final_iterations": 50}
+QUICK = {"chamfer_iterations": 200, "emd_iterations": 300, "final_iterations": 25}
 ENERGIES = ("chamfer", "flow", "emd")
 
 

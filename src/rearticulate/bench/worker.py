@@ -1,5 +1,5 @@
 """One case in a process of its own, so that its peak memory is its own:
-`python -m rearticulate.bench.worker CASE VARIANT full|quick SEED OUTPUT.json`.
+`python -m rearticulate.bench.worker CASE VARIANT full|quick SEED OUTPUT.json [use]`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from rearticulate.records import FitResult, GroundTruth, PointSequence
 Fit = Callable[..., FitResult]
 
 
-def run_case(case: Case, folder: Path, seed: int, fitter: Fit) -> dict[str, Any]:
+def run_case(case: Case, folder: Path, seed: int, fitter: Fit, used: bool = False) -> dict[str, Any]:
     """Fit and score one case. Everything in the answer is plain JSON."""
     sequence, truth = case.load(folder)
     started = time.perf_counter()
@@ -43,7 +43,14 @@ def run_case(case: Case, folder: Path, seed: int, fitter: Fit) -> dict[str, Any]
             **seen_metrics(result, truth, sequence),
         },
         "relaxed": _relaxed_metrics(result, truth, sequence),
+        **({"use": _use_metrics(result, truth, sequence)} if used else {}),
     }
+
+
+def _use_metrics(result: FitResult, truth: GroundTruth, sequence: PointSequence) -> dict[str, float]:
+    from rearticulate.bench.use import use
+
+    return use(result, truth, sequence)
 
 
 def _relaxed_metrics(result: FitResult, truth: GroundTruth, sequence: PointSequence) -> dict[str, float]:
@@ -71,9 +78,9 @@ def peak_megabytes() -> float | None:
     return peak / (1024**2 if sys.platform == "darwin" else 1024)
 
 
-def main(name: str, configuration: str, length: str, seed: str, output: str) -> None:
+def main(name: str, configuration: str, length: str, seed: str, output: str, use: str = "") -> None:
     config = variant(configuration, quick=length == "quick")
-    answer = run_case(find_case(name), data_folder(), int(seed), partial(fit, config=config))
+    answer = run_case(find_case(name), data_folder(), int(seed), partial(fit, config=config), use == "use")
     with atomic_file(output) as temporary:
         temporary.write_text(json.dumps(answer))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,16 +13,11 @@ from rearticulate.commands.options import check_up
 from rearticulate.commands.outcome import say
 from rearticulate.commands.show import print_json
 from rearticulate.errors import InputError
-from rearticulate.export.robot import ExportConfig, Robot, make_robot
-from rearticulate.export.write import FORMATS, export
+from rearticulate.export.robot import ExportConfig
+from rearticulate.export.write import FORMATS, MARK, save_robot
 from rearticulate.extras import needs
-from rearticulate.io.atomic import atomic_folder
 from rearticulate.io.model import load_result, load_sequence_of
-from rearticulate.records import FitResult, PointSequence
-from rearticulate.report.summary import jsonable
 from rearticulate.shape.body import ShapeConfig
-
-MARK = "export.json"  # in every folder that we wrote, and may replace
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,21 +64,11 @@ def run_export(source: Path, out: Path | None, options: ExportOptions, config: E
     chosen, out = options.chosen(), source / "export" if out is None else out
     result, sequence = load_result(source), load_sequence_of(source)
     check_folder(out, MARK, "export", options.overwrite)
-    files, facts = write_export(result, sequence, out, options.name or source.resolve().name, chosen, config)
-    _tell(out, chosen, files, facts, as_json)
-
-
-def write_export(
-    result: FitResult, sequence: PointSequence, out: Path, name: str, formats: Sequence[str], config: ExportConfig
-) -> tuple[list[Path], dict[str, Any]]:
-    """The folder of an export, whole or not at all; its main files, relative to it, and what `describe` says."""
     with needs("export"):
-        robot = make_robot(result, sequence, name, config)
-        with atomic_folder(out) as partial:
-            files = [path.relative_to(partial) for path in export(robot, partial, formats, config)]
-            facts = describe(robot, config)
-            (partial / MARK).write_text(json.dumps(jsonable(facts), indent=2) + "\n", encoding="utf-8")
-    return files, facts
+        files, facts = save_robot(
+            out, result, sequence, name=options.name or source.resolve().name, formats=chosen, config=config
+        )
+    _tell(out, chosen, files, facts, as_json)
 
 
 def _tell(out: Path, chosen: Sequence[str], files: Sequence[Path], facts: dict[str, Any], as_json: bool) -> None:
@@ -95,21 +79,3 @@ def _tell(out: Path, chosen: Sequence[str], files: Sequence[Path], facts: dict[s
         print_json({"out": str(out), "files": [str(path) for path in files], **facts})
     else:
         print("\n".join(f"{kind:<8}{out / path}" for kind, path in zip(chosen, files, strict=True)))
-
-
-def describe(robot: Robot, config: ExportConfig) -> dict[str, Any]:
-    """What was written, in plain numbers."""
-    links = [
-        {
-            "name": link.name,
-            "parent": None if link.parent < 0 else robot.links[link.parent].name,
-            "joint": None if link.parent < 0 else link.kind,
-            "limits": list(link.limits),
-            "mass_kg": 0.0 if link.body is None else link.body.mass,
-            "faces": 0 if link.body is None else len(link.body.surface.faces),
-            "pieces": 0 if link.body is None else len(link.body.pieces),
-            "note": "" if link.body is None else link.body.note,
-        }
-        for link in robot.links
-    ]
-    return {"name": robot.name, "links": links, "config": dataclasses.asdict(config)}

@@ -10,11 +10,10 @@ from contextlib import redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rearticulate.commands.exporting import MARK, write_export
 from rearticulate.commands.options import check_up
 from rearticulate.errors import FitError, InputError
 from rearticulate.export.robot import ExportConfig
-from rearticulate.export.write import FORMATS
+from rearticulate.export.write import MARK, save_robot
 from rearticulate.extras import needs
 from rearticulate.io.atomic import atomic_file
 from rearticulate.io.model import load_result, load_sequence_of
@@ -77,7 +76,8 @@ def savers(folders: dict[str, Path], up: str) -> Savers:
         out = folder / "export"
         if out.exists() and any(out.iterdir()) and not (out / MARK).exists():
             raise InputError(f"{out}: not an earlier export, so it is not replaced")
-        write_export(actor.result, actor.sequence, out, folder.resolve().name, FORMATS, ExportConfig(up=up))
+        with needs("export"):
+            save_robot(out, actor.result, actor.sequence, name=folder.resolve().name, config=ExportConfig(up=up))
         return out
 
     def screenshot(actor: Actor, png: bytes) -> Path:

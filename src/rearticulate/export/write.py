@@ -2,18 +2,65 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rearticulate.errors import InputError
 from rearticulate.export.meshes import write_meshes
-from rearticulate.export.robot import ExportConfig, Robot
+from rearticulate.export.robot import ExportConfig, Robot, make_robot
+from rearticulate.io.atomic import atomic_folder
 from rearticulate.io.ply import write_cloud
+from rearticulate.records import FitResult, PointSequence
 
+MARK = "export.json"  # in every folder that we wrote, and may replace
 FORMATS = ("urdf", "mjcf", "usd", "gltf", "ply")
 NEEDS_MESHES = {"urdf", "mjcf"}
+
+
+def save_robot(
+    folder: str | os.PathLike[str],
+    result: FitResult,
+    sequence: PointSequence,
+    *,
+    name: str = "robot",
+    formats: Sequence[str] = FORMATS,
+    config: ExportConfig | None = None,
+) -> tuple[list[Path], dict[str, Any]]:
+    """Write a result for simulators and viewers: the whole folder at once, an earlier one is replaced.
+
+    Returns the main file of each format, relative to the folder, and what `describe` says of the robot.
+    """
+    config = config or ExportConfig()
+    robot = make_robot(result, sequence, name, config)
+    with atomic_folder(folder) as partial:
+        files = [path.relative_to(partial) for path in export(robot, partial, formats, config)]
+        facts = describe(robot, config)
+        (partial / MARK).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
+    return files, facts
+
+
+def describe(robot: Robot, config: ExportConfig) -> dict[str, Any]:
+    """What was written, in plain numbers."""
+    links = [
+        {
+            "name": link.name,
+            "parent": None if link.parent < 0 else robot.links[link.parent].name,
+            "joint": None if link.parent < 0 else link.kind,
+            "limits": [float(x) for x in link.limits],
+            "mass_kg": 0.0 if link.body is None else link.body.mass,
+            "faces": 0 if link.body is None else len(link.body.surface.faces),
+            "pieces": 0 if link.body is None else len(link.body.pieces),
+            "note": "" if link.body is None else link.body.note,
+        }
+        for link in robot.links
+    ]
+    return {"name": robot.name, "links": links, "config": dataclasses.asdict(config)}
 
 
 def export(robot: Robot, folder: Path, formats: Sequence[str], config: ExportConfig) -> list[Path]:

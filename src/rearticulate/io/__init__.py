@@ -1,7 +1,7 @@
 """Files in and out: point sequences, ground truth, results, resumable stages. Nothing here fits or evaluates."""
 
 from rearticulate.io.check import check_sequence
-from rearticulate.io.model import check_output, load_model, load_result, save_result
+from rearticulate.io.model import check_output, load_model, load_result, load_sequence_of, save_result
 from rearticulate.io.sequence import load_scans, load_sequence, save_sequence
 from rearticulate.io.stages import StageStore
 from rearticulate.io.truth import load_truth, save_truth
@@ -14,6 +14,7 @@ __all__ = [
     "load_result",
     "load_scans",
     "load_sequence",
+    "load_sequence_of",
     "load_truth",
     "save_result",
     "save_sequence",

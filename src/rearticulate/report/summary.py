@@ -51,17 +51,22 @@ def joint_range(model: KinematicModel, j: int) -> str:
     """Observed values of q: degrees for a hinge or a ball, centimetres for a slide."""
     low, high = model.limits[j]
     if model.joint_type[j] == "revolute":
-        return f"{math.degrees(low):.1f} … {math.degrees(high):.1f}°"
+        return f"{_rounded(math.degrees(low), 1)} … {_rounded(math.degrees(high), 1)}°"
     if model.joint_type[j] == "prismatic":
-        return f"{100 * low:.2f} … {100 * high:.2f} cm"
+        return f"{_rounded(100 * low, 2)} … {_rounded(100 * high, 2)} cm"
     return f"up to {math.degrees(high):.1f}°" if model.joint_type[j] == "spherical" else ""
 
 
 def joint_value(model: KinematicModel, j: int, q: np.ndarray) -> str:
     """One value of a posture: degrees or centimetres."""
     if model.joint_type[j] == "prismatic":
-        return f"{100 * q[j]:.2f} cm"
-    return " ".join(f"{math.degrees(x):.1f}°" for x in q[model.values(j)])
+        return f"{_rounded(100 * q[j], 2)} cm"
+    return " ".join(f"{_rounded(math.degrees(x), 1)}°" for x in q[model.values(j)])
+
+
+def _rounded(x: float, digits: int) -> str:
+    """Never "-0.0"."""
+    return f"{round(x, digits) + 0.0:.{digits}f}"
 
 
 def joint_note(result: FitResult, j: int) -> str:

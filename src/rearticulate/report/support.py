@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
@@ -27,7 +28,7 @@ class Support:
     spacing: Array
 
     @property
-    def seen(self) -> Array:
+    def seen(self) -> NDArray[np.bool_]:
         """(F, N) whether a point of the model was measured in a frame."""
         return self.distance < NEAR * self.spacing[:, None]
 

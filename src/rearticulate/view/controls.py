@@ -76,7 +76,8 @@ class Controls:
 
     def _synchronize(self) -> None:
         for where, slider in self.sliders.items():
-            slider.value = float(np.clip(self.actor.posture.q[where] * self._unit(where), slider.min, slider.max))
+            shown = round(float(self.actor.posture.q[where]) * self._unit(where), 2) + 0.0  # and never -0.0
+            slider.value = float(np.clip(shown, slider.min, slider.max))
         self.hand.follow()
 
     def _unit(self, where: int) -> float:
@@ -135,8 +136,8 @@ class Controls:
                 unit = self._unit(where)
                 turns, digits = ("°", 1) if unit != 100 else ("cm", 2)
                 name = f"{model.names[j]} {letter}" if kind == "spherical" else model.names[j]
-                ends = [round(float(unit * x), digits) for x in (low - slack, high + slack)]
-                slider = self._server.gui.add_slider(f"{name}, {turns}", *ends, 10.0**-digits, 0.0, hint=kind)
+                lowest, highest = (round(float(unit * x), digits) for x in (low - slack, high + slack))
+                slider = self._server.gui.add_slider(f"{name}, {turns}", lowest, highest, 10.0**-digits, 0.0, hint=kind)
                 slider.on_update(self._slid(where, slider))
                 out[where] = slider
         return out

@@ -30,9 +30,7 @@ class Hand:
         )
         self.part, self._point = farthest_tip(actor)
         self.follow()
-        self._node.on_drag_start(self._start)
-        self._node.on_update(self._update)
-        self._node.on_drag_end(self._end)
+        self._node.on_update(self._dragged)
 
     @property
     def position(self) -> Array:
@@ -83,22 +81,18 @@ class Hand:
         actor.show(Posture(found.q, found.T_world_root))
         self._moved()
 
-    def _start(self, event: viser.TransformControlsEvent) -> None:
-        self._dragging = True
-
-    def _update(self, event: viser.TransformControlsEvent) -> None:
+    def _dragged(self, event: viser.TransformControlsEvent) -> None:
         """Solve for the newest target only: events that come in the meantime replace each other."""
-        self._wanted = np.array(event.target.position)
+        self._dragging, self._wanted = True, np.array(event.target.position)
         while self._wanted is not None and self._solving.acquire(blocking=False):
             try:
                 target, self._wanted = self._wanted, None
                 self.drag_to(target)
             finally:
                 self._solving.release()
-
-    def _end(self, event: viser.TransformControlsEvent) -> None:
-        self._dragging = False
-        self.follow()
+        if event.phase == "end":
+            self._dragging = False
+            self.follow()
 
 
 def farthest_tip(actor: Actor) -> tuple[int, Array]:

@@ -26,12 +26,14 @@ class Stage:
         view: View,
     ) -> None:
         self.server = server
-        server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
+        server.gui.configure_theme(show_logo=False, show_share_button=False)
+        server.gui.main_panel.dock_right()
         server.scene.set_up_direction(_direction(view.up))
         right = view.R[0]
-        self.actors, place = [], 0.0
+        self.actors, place = [], None
         for name, result, sequence in shown:
             across = np.concatenate(sequence.points) @ right
+            place = float(across.min()) if place is None else place  # the first stands where it was measured
             self.actors.append(Actor(server, name, result, sequence, (place - across.min()) * right))
             place += APART * float(np.ptp(across))
         self.controls = self._add_controls(savers)
@@ -54,7 +56,7 @@ class Stage:
         reach = float(np.linalg.norm(clouds - middle, axis=1).max())
         camera = self.server.initial_camera
         camera.look_at = middle
-        camera.position = middle + 1.9 * reach * view.R[2]
+        camera.position = middle + 1.6 * reach * view.R[2]
         camera.near, camera.far = 0.01 * reach, 50.0 * reach
 
     def _clicked(self, event: viser.SceneClickEvent) -> None:
