@@ -31,8 +31,9 @@ check: install
 bench: install
 	$(BIN)/rearticulate bench
 
-pictures: demo
-	$(BIN)/python -m rearticulate.report.pictures demo-out docs
+pictures: demo install
+	$(BIN)/rearticulate render demo-out -o docs/clip.gif --size 200 --overwrite
+	$(BIN)/python scripts/viewer_picture.py demo-out docs/viewer.png
 
 lock: install
 	$(BIN)/python -m pip install --quiet uv

@@ -10,7 +10,6 @@ pytest.importorskip("torch", reason="needs rearticulate[paper]")
 import torch
 
 from rearticulate.config import NeuralConfig
-from rearticulate.fit.neural import extra
 from rearticulate.fit.neural.field import PartField, cosine, draw_parts, fit_labels
 from rearticulate.fit.neural.poses import from_matrices, move, rotations, to_matrices
 from rearticulate.geometry.se3 import exp_se3, transform
@@ -98,9 +97,3 @@ def test_the_global_generator_of_torch_is_left_alone():
     state = torch.get_rng_state()
     PartField(4, 16, generator())
     assert torch.equal(torch.get_rng_state(), state)
-
-
-def test_a_missing_extra_is_named():
-    extra.require("numpy")
-    with pytest.raises(extra.InputError, match=r"needs no_such_module: pip install 'rearticulate\[paper\]'"):
-        extra.require("numpy", "no_such_module")

@@ -7,8 +7,10 @@ from typing import Any
 
 from rearticulate.commands.show import print_json
 from rearticulate.errors import InputError
+from rearticulate.extras import needs
 from rearticulate.io.sequence import save_sequence
 from rearticulate.io.truth import save_truth
+from rearticulate.synth.simulate import simulate
 
 TRUTH_SUFFIX = ".truth.npz"
 
@@ -19,7 +21,8 @@ def run_simulate(model: Path, out: Path, overwrite: bool, as_json: bool, setting
     for path in (out, truth_path):
         if path.exists() and not overwrite:
             raise InputError(f"{path}: exists; name another file or ask for --overwrite")
-    sequence, truth = _simulate(model, settings)
+    with needs("simulate"):
+        sequence, truth = simulate(model, **settings)
     save_truth(truth_path, truth)
     save_sequence(out, sequence)
     if as_json:
@@ -35,12 +38,3 @@ def truth_beside(out: Path) -> Path:
     if out.suffix != ".npz" or out.name.endswith(TRUTH_SUFFIX):
         raise InputError(f"{out}: the sequence is written as an .npz file, its ground truth beside it")
     return out.with_name(out.stem + TRUTH_SUFFIX)
-
-
-def _simulate(model: Path, settings: dict[str, Any]) -> Any:
-    try:
-        from rearticulate.synth.simulate import simulate
-
-        return simulate(model, **settings)
-    except ModuleNotFoundError as error:
-        raise InputError(f'simulate needs {error.name}: pip install "rearticulate[simulate]"') from error

@@ -11,6 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from rearticulate.commands.outcome import say
 from rearticulate.errors import InputError
+from rearticulate.extras import needs
 
 
 @dataclass(frozen=True)
@@ -47,10 +48,8 @@ def run_train(out: Path, options: TrainOptions) -> None:
 
 
 def _open(out: Path, options: TrainOptions) -> tuple[Any, Any]:
-    try:
+    with needs("train"):
         from rearticulate.network.train import Run, TrainConfig, choose_device
-    except ModuleNotFoundError as error:
-        raise InputError(f'train-flow needs {error.name}: pip install "rearticulate[train]"') from error
     if out.exists() and not (options.resume or options.overwrite):
         raise InputError(f"{out}: exists; go on with --resume or start again with --overwrite")
     device = choose_device(options.device)

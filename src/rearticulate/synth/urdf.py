@@ -13,6 +13,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from rearticulate.errors import InputError
+from rearticulate.extras import needs
 from rearticulate.geometry.se3 import exp_se3
 from rearticulate.synth.articulated import ArticulatedObject, ObjectBuilder
 from rearticulate.synth.meshes import find_mesh, load_triangles
@@ -74,10 +75,8 @@ class _Link:
 
 
 def _parse(path: Path) -> Any:
-    try:
+    with needs("simulate"):
         import yourdfpy
-    except ImportError as error:
-        raise InputError("reading a URDF needs yourdfpy: pip install 'rearticulate[simulate]'") from error
     if not path.is_file():
         raise InputError(f"{path}: no such URDF file")
     try:

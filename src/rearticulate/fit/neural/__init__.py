@@ -1,5 +1,6 @@
 """The paper's relaxed model: a neural part field and free part poses, fitted by gradient descent. Needs torch."""
 
-from rearticulate.fit.neural.extra import require
+from rearticulate.extras import needs
 
-require("torch")
+with needs("paper"):
+    import torch  # noqa: F401
