@@ -26,7 +26,7 @@ from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.pose.single import single_valued
 from rearticulate.records import FitResult, Motion, PointSequence
 from test_spherical import ball_model
-from toy_result import toy
+from toy_result import branched, toy
 
 TOLERANCE = 1e-5  # m
 POSTURES = 100
@@ -53,11 +53,11 @@ def everything(result: FitResult, sequence: PointSequence, folder: Path, config:
     return robot, folder
 
 
-@pytest.fixture(scope="module", params=["screws", "balls", "floating"])
+@pytest.fixture(scope="module", params=["screws", "balls", "floating", "branched"])
 def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, Path]:
     folder = tmp_path_factory.mktemp(request.param)
-    result, sequence = ball_result() if request.param == "balls" else toy(400, ODD_NAMES)
-    return everything(result, sequence, folder, ExportConfig(floating=request.param == "floating", up="-y"))
+    make = {"balls": ball_result, "branched": branched}.get(request.param, lambda: toy(400, ODD_NAMES))
+    return everything(*make(), folder, ExportConfig(floating=request.param == "floating", up="-y"))
 
 
 def postures(robot: Robot, count: int = POSTURES) -> np.ndarray:
@@ -137,7 +137,7 @@ def test_servos_reach_what_they_are_told(exported: tuple[Robot, Path]) -> None:
     data.ctrl[:] = wanted
     for _ in range(1500):
         mujoco.mj_step(model, data)
-    address = [model.joint(f"{robot.links[j].name}_joint").qposadr[0] for j in robot.joints]
+    address = model.jnt_qposadr[model.actuator_trnid[:, 0]]
     np.testing.assert_allclose(data.qpos[address], wanted, atol=5e-3)
 
 

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from rearticulate.pose.fuse import fuse, without_strays
-from rearticulate.shape.body import FLAT, ShapeConfig, make_body, sound
+from rearticulate.shape.body import FLAT, ShapeConfig, hull_of, make_body, sound
 from rearticulate.shape.surface import surface
 from toy_result import toy
 
@@ -58,6 +58,14 @@ def test_a_cup_stays_hollow_and_its_pieces_leave_the_hollow_free() -> None:
     assert len(body.pieces) > 1
     assert not any(piece.contains([[0, 0, 0.3]])[0] for piece in body.pieces)
     assert body.surface.volume == pytest.approx(cup.volume, rel=0.15)
+
+
+def test_slivers_have_no_hull() -> None:
+    corners = np.eye(3)
+    assert hull_of(corners) is None
+    assert hull_of(np.concatenate([corners, corners + [[1, -1, 0]]])) is None
+    tetrahedron = hull_of(np.concatenate([corners, np.zeros((1, 3))]))
+    assert tetrahedron is not None and tetrahedron.volume == pytest.approx(1 / 6)
 
 
 def test_one_hull_when_asked() -> None:

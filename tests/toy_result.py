@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from rearticulate.geometry.se3 import transform
@@ -53,6 +55,33 @@ def toy(points: int = 120, names: tuple[str, ...] = ("base", "arm", "tip")) -> t
     )
     frames = transform(model.forward(q)[:, labels], cloud)
     return result, PointSequence.from_arrays(frames)
+
+
+def branched(points: int = 120) -> tuple[FitResult, PointSequence]:
+    """A base with two arms, one forearm each, numbered in rings about the base: not depth first."""
+    base, _ = toy()
+    rng = np.random.default_rng(1)
+    centre = np.array([[0, 0, 0], [0.3, 0, 0], [-0.3, 0, 0], [0.6, 0, 0], [-0.6, 0, 0]])
+    labels = np.repeat(np.arange(5), points)
+    cloud = rng.uniform(-0.5, 0.5, (len(labels), 3)) * [0.25, 0.08, 0.08] + centre[labels]
+    q = np.zeros((FRAMES, 5))
+    q[:, 1:] = rng.uniform(-0.5, 0.5, (FRAMES, 4))
+    q[0] = 0.0
+    model = KinematicModel(
+        canonical=0,
+        parent=np.array([-1, 0, 0, 1, 2]),
+        joint_type=("floating", *["revolute"] * 4),
+        axis=np.array([[0, 0, 0], *[[0, 0, 1.0]] * 4]),
+        origin=np.array([[0, 0, 0], [0.15, 0, 0], [-0.15, 0, 0], [0.45, 0, 0], [-0.45, 0, 0]]),
+        limits=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
+        names=("base", "left", "right", "left_hand", "right_hand"),
+        points=cloud,
+        labels=labels,
+    )
+    motion = Motion(q, np.broadcast_to(np.eye(4), (FRAMES, 4, 4)).copy())
+    joints = (base.joints[0],) * 5
+    result = replace(base, model=model, motion=motion, labels=(labels,) * FRAMES, joints=joints, energies={0: 0.4})
+    return result, PointSequence.from_arrays(transform(model.forward(q)[:, labels], cloud))
 
 
 def toy_truth() -> GroundTruth:

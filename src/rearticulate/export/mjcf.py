@@ -123,7 +123,7 @@ def moved_inertia(robot: Robot, k: int) -> float:
 def _actuators(root: ET.Element, robot: Robot) -> None:
     """A servo a joint, critically damped; what it holds hangs lower by gravity / STIFFNESS^2, about 4 mm."""
     actuators = ET.SubElement(root, "actuator")
-    for k in robot.joints:
+    for k in robot.joints_depth_first:
         link = robot.links[k]
         attributes = {"name": f"{link.name}_servo", "joint": joint_name(link.name)}
         attributes["ctrlrange"] = numbers([-np.pi, np.pi] if link.kind == "continuous" else link.limits)
@@ -132,8 +132,8 @@ def _actuators(root: ET.Element, robot: Robot) -> None:
 
 
 def _keyframes(root: ET.Element, robot: Robot) -> None:
-    """The recorded frames: key frame_3 is the posture of frame 3."""
+    """The recorded frames: key frame_3 is the posture of frame 3. MuJoCo numbers joints as they come in the file."""
     keyframes = ET.SubElement(root, "keyframe")
     for f, (q, T) in enumerate(zip(robot.q, robot.T_world_root, strict=True)):
         base = [*T[:3, 3], *quat_wxyz(T[:3, :3])] if robot.floating else []
-        ET.SubElement(keyframes, "key", name=f"frame_{f}", qpos=numbers([*base, *q[robot.joints]]))
+        ET.SubElement(keyframes, "key", name=f"frame_{f}", qpos=numbers([*base, *q[robot.joints_depth_first]]))

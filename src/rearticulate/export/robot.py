@@ -85,6 +85,15 @@ class Robot:
         return [j for j, link in enumerate(self.links) if link.kind != "fixed"]
 
     @property
+    def joints_depth_first(self) -> list[int]:
+        """The same, every link with all that is below it before the next one: as nested elements are read."""
+        found, waiting = [], [0]
+        while waiting:
+            found.append(j := waiting.pop())
+            waiting += self.children(j)[::-1]
+        return [j for j in found if self.links[j].kind != "fixed"]
+
+    @property
     def size(self) -> float:
         """Diagonal of the rest pose, m."""
         return float(np.linalg.norm(np.ptp(np.concatenate(self.clouds), axis=0)))

@@ -15,7 +15,8 @@ Array = NDArray[np.floating]
 
 FLAT = 0.004  # least thickness of a body, of the object's size
 HULL_FILLS = 1.1  # a hull with at most this many times the volume of the surface stands for it
-COARSE = 600  # triangles that are cut into convex pieces
+COARSE = 300  # triangles that are cut into convex pieces
+SLIVER = 1e-4  # least thickness of a convex piece, of its length
 SEED = 0
 
 
@@ -32,7 +33,7 @@ class ShapeConfig:
     density: float = 500.0
     collision: Literal["pieces", "hull"] = "pieces"
     max_pieces: int = 12
-    concavity: float = 0.08
+    concavity: float = 0.2
 
 
 @dataclass(frozen=True)
@@ -97,11 +98,19 @@ def convex_pieces(mesh: trimesh.Trimesh, config: ShapeConfig) -> tuple[trimesh.T
         threshold=config.concavity,
         max_convex_hull=config.max_pieces,
         preprocess_mode="off",  # the mesh is closed already
-        resolution=500,
+        resolution=300,
         mcts_nodes=10,
         mcts_iterations=20,
         mcts_max_depth=2,
         seed=SEED,
     )
-    pieces = [trimesh.convex.convex_hull(np.asarray(vertices)) for vertices, _ in found]
-    return tuple(piece for piece in pieces if piece.volume > 0)
+    pieces = [hull_of(np.asarray(vertices)) for vertices, _ in found]
+    return tuple(piece for piece in pieces if piece is not None) or (hull,)
+
+
+def hull_of(points: Array) -> trimesh.Trimesh | None:
+    """Convex hull of points (M, 3); None where they span no volume, as slivers between two cuts do."""
+    if len(points) < 4:
+        return None
+    extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return trimesh.convex.convex_hull(points) if extent[2] > SLIVER * extent[0] else None
