@@ -63,7 +63,7 @@ def test_a_cup_stays_hollow_and_its_pieces_leave_the_hollow_free() -> None:
 def test_slivers_have_no_hull() -> None:
     corners = np.eye(3)
     assert hull_of(corners) is None
-    assert hull_of(np.concatenate([corners, corners + [[1, -1, 0]]])) is None
+    assert hull_of(np.concatenate([corners, corners + np.array([1, -1, 0])])) is None
     tetrahedron = hull_of(np.concatenate([corners, np.zeros((1, 3))]))
     assert tetrahedron is not None and tetrahedron.volume == pytest.approx(1 / 6)
 

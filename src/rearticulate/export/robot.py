@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.export.names import safe_names
-from rearticulate.geometry.kinematics import chain
+from rearticulate.geometry.kinematics import chain, depth_first
 from rearticulate.geometry.se3 import exp_se3
 from rearticulate.io.palette import part_colors
 from rearticulate.parallel import side_by_side
@@ -87,11 +87,8 @@ class Robot:
     @property
     def joints_depth_first(self) -> list[int]:
         """The same, every link with all that is below it before the next one: as nested elements are read."""
-        found, waiting = [], [0]
-        while waiting:
-            found.append(j := waiting.pop())
-            waiting += self.children(j)[::-1]
-        return [j for j in found if self.links[j].kind != "fixed"]
+        order = depth_first(np.array([link.parent for link in self.links]))
+        return [int(j) for j in order if self.links[j].kind != "fixed"]
 
     @property
     def size(self) -> float:

@@ -19,6 +19,16 @@ def forward_kinematics(parent: IntArray, twists: Array, q: Array, T_world_root: 
     return chain(parent, exp_se3(q[..., None] * twists), T_world_root)
 
 
+def depth_first(parent: IntArray) -> IntArray:
+    """(P,) the parts, each with all that is below it before the next one."""
+    found: list[int] = []
+    waiting = [0]
+    while waiting:
+        found.append(j := waiting.pop())
+        waiting += np.flatnonzero(parent == j)[::-1].tolist()
+    return np.array(found)
+
+
 def chain(parent: IntArray, steps: Array, T_world_root: Array | None = None) -> Array:
     """Part poses (..., P, 4, 4) from the motion of every part against its parent, steps (..., P, 4, 4); the root's own
     step has no effect."""

@@ -1,7 +1,8 @@
 """Joint values, root pose and labels for new scans of an object whose model is known: no correspondences are given.
 
-Every scan starts from all recorded postures, from the one found before, and from the matches of the network; the starts
-that fit best are registered, points to planes both ways, under a robust scale that shrinks.
+Every scan starts from all recorded postures, from the one found before, from the matches of the network and from a
+search along the tree; the starts that fit best are registered, points to planes both ways, under a robust scale that
+shrinks.
 """
 
 from __future__ import annotations
@@ -16,13 +17,14 @@ from numpy.typing import NDArray
 from rearticulate.errors import InputError
 from rearticulate.fit.frames import Frames, make_frames
 from rearticulate.fit.guess import Guesses
-from rearticulate.fit.register import geman_mcclure, match, normal_equations
-from rearticulate.geometry.kinematics import forward_kinematics, joint_jacobian
+from rearticulate.fit.register import match, normal_equations
+from rearticulate.geometry.kinematics import forward_kinematics
 from rearticulate.geometry.nearest import nearest, search_tree
-from rearticulate.geometry.se3 import exp_se3, from_unit, rotate, to_unit, transform
+from rearticulate.geometry.se3 import from_unit, rotate, to_unit, transform
+from rearticulate.pose.descent import pair_weights, stepped
 from rearticulate.pose.fuse import fuse
 from rearticulate.pose.retarget import retarget
-from rearticulate.pose.search import Tree, beam_search
+from rearticulate.pose.search import Target, Tree, beam_search, sampled
 from rearticulate.pose.single import SingleValued, single_valued
 from rearticulate.records import FitResult, KinematicModel, Motion, PointSequence, Posture
 
@@ -32,14 +34,10 @@ IntArray = NDArray[np.integer]
 BUDGET = 8000  # points of the model, from all its frames
 MATCHES = 400  # of the network, that lead one start
 FEW = 600  # points that choose among the starts
-STARTS = 4  # that are registered
+STARTS = 6  # that are registered
 ROUNDS = 24
 SIGMA, SIGMA_END = 8.0, 0.56  # robust scale of a point, first and last, in spacings
-REACH = 3.0  # scales beyond which a point has no counterpart
 CAP = 3.0  # spacings; a point that is farther off counts as this far
-DAMPING = np.array([3.5] * 3 + [1e-2] * 3)  # of the root; a joint that nothing holds stays
-DAMP_JOINT = 0.05
-MAX_TURN, MAX_SHIFT = 0.15, 18.0  # in one round, rad and spacings
 
 
 @dataclass(frozen=True)
@@ -174,16 +172,14 @@ class Scan:
         led = self.led_by_network()
         starts = starts + led + self.searched([*starts[:1], *led])
         starts = sorted(starts, key=lambda start: self.misfit(start, FEW))[:STARTS]
-        ends = [self.refined(start) for start in starts]
-        return min(ends, key=self.misfit)
+        return min([self.refined(start) for start in starts], key=self.misfit)
 
     def searched(self, roots: list[Posture]) -> list[Posture]:
         """What a search along the tree finds from some root poses."""
-        points, _, link = self.body
-        own = tuple(points[link == p] for p in range(self.model.n_parts))
         limits = np.where(self.slides[:, None], self.model.limits / self.frames.unit, self.model.limits)
-        tree = Tree(self.model.parent, self.twists, limits, own)
-        q, root = beam_search(tree, self.frames.trees[1], np.array([posture.T_world_root for posture in roots]))
+        tree = Tree(self.model.parent, self.twists, limits, *sampled(*self.body, self.model.n_parts))
+        target = Target(self.frames.trees[1], self.cloud[1])
+        q, root = beam_search(tree, target, np.array([posture.T_world_root for posture in roots]))
         return [Posture(*found) for found in zip(q, root, strict=True)]
 
     def led_by_network(self) -> list[Posture]:
@@ -211,13 +207,7 @@ class Scan:
         """One damped step of joint values and root pose."""
         T = self.forward(posture)
         H, g = self.equations(T, sigma)
-        J = np.concatenate([joint_jacobian(self.model.parent, self.twists, T), np.tile(np.eye(6), (len(T), 1, 1))], -1)
-        A = np.einsum("pia,pij,pjb->ab", J, H, J)
-        damping = np.concatenate([np.where(self.slides, DAMPING[3:].mean(), DAMP_JOINT), DAMPING])
-        step = -np.linalg.solve(A + np.diag(damping), np.einsum("pia,pi->a", J, g))
-        limit = np.concatenate([np.where(self.slides, MAX_SHIFT, MAX_TURN), [MAX_TURN] * 3, [MAX_SHIFT] * 3])
-        step = np.clip(step, -limit, limit)
-        return Posture(posture.q + step[:-6], exp_se3(step[-6:]) @ posture.T_world_root)
+        return Posture(*stepped(self.model.parent, self.twists, posture.q, posture.T_world_root, T, H, g))
 
     def equations(self, T: Array, sigma: float) -> tuple[Array, Array]:
         """Normal equations H (P, 6, 6), g (P, 6) over left twists of the links: model onto scan, scan onto model."""
@@ -225,11 +215,11 @@ class Scan:
         cloud, normals = self.cloud
         y, ny = transform(T[link], x), rotate(T[link], nx)
         z, nz, d, r, agreement = match(self.frames.trees[1], normals, y, ny)
-        w = _weights(r, d, agreement, sigma)
+        w = pair_weights(r, d, agreement, sigma)
         H, g = normal_equations(y, z, nz, w, 0.1 * w, link, len(T))
         d, j = nearest(search_tree(y), cloud)
         r, agreement = np.einsum("ij,ij->i", y[j] - cloud, normals), np.abs(np.einsum("ij,ij->i", ny[j], normals))
-        w = _weights(r, d, agreement, sigma)
+        w = pair_weights(r, d, agreement, sigma)
         H2, g2 = normal_equations(y[j], cloud, normals, w, 0.1 * w, link[j], len(T))
         return H + H2, g + g2
 
@@ -253,8 +243,3 @@ class Scan:
         labels, distance = np.empty(len(cloud), dtype=np.int64), np.empty(len(cloud))
         labels[own], distance[own] = link[j], d * self.frames.unit
         return labels, distance
-
-
-def _weights(r: Array, d: Array, agreement: Array, sigma: float) -> Array:
-    w = geman_mcclure(r * r + 0.1 * d * d, sigma) * np.where(agreement > 0.4, agreement, 0.05)
-    return w * (d < REACH * max(sigma, 1.0))
