@@ -19,7 +19,6 @@ from rearticulate.report.summary import joint_range
 BUDGET = 40_000  # points of the model
 MEASURED = 8000  # points of one frame
 DOT = 2.0  # diameter of a point, in distances to the nearest one
-FEW = 8  # joints whose labels do not hide the object
 SIGNS = {"revolute": "↻", "prismatic": "↔"}
 GHOST = (120, 128, 138)
 INK = (29, 39, 51)
@@ -129,11 +128,7 @@ class Actor:
                     path, segment[None].astype(np.float32), INK, thickness=4.0, thickness_units="screen"
                 )
             )
-            labels.append(
-                server.scene.add_label(
-                    f"{path}_label", text, position=segment[1], font_screen_scale=0.8, visible=len(lines) <= FEW
-                )
-            )
+            labels.append(server.scene.add_label(f"{path}_label", text, position=segment[1], font_screen_scale=0.8))
         return lines, labels
 
     def _add_frames(self, server: viser.ViserServer) -> list[viser.PointCloudHandle]:

@@ -20,9 +20,10 @@ from rearticulate.records import Posture
 from rearticulate.render.panels import novel_posture
 from rearticulate.report.summary import headline, joint_note, joint_range
 from rearticulate.report.tables import tree
-from rearticulate.view.actor import FEW, Actor
+from rearticulate.view.actor import Actor
 from rearticulate.view.hand import Hand
 
+FEW = 8  # joints whose labels do not hide the object
 RATE = 15.0  # steps a second while playing
 SPEED = 3.0  # frames a second
 BEYOND = 0.25  # what a slider reaches beyond the observed range, a share of it
@@ -92,6 +93,7 @@ class Controls:
         measured = gui.add_checkbox("measured points", True)
         axes = gui.add_checkbox("joint axes", True)
         labels = gui.add_checkbox("joint labels", self.actor.model.n_parts - 1 <= FEW)
+        self.actor.show_labels(labels.value)
 
         @self.time.on_update
         def _(event: viser.GuiEvent) -> None:
