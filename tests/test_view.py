@@ -114,7 +114,7 @@ class Page:
 def page(chromium: Any, stage: Stage) -> Iterator[Page]:
     for control in stage.controls:
         control.hand.unpin()
-        control.show_frame(control.actor.model.canonical)
+        control.show_moment(float(control.actor.model.canonical))
     page = Page(chromium, stage)
     yield page
     trouble = [text for text in page.trouble if KNOWN not in text]
@@ -252,6 +252,25 @@ def test_two_results_side_by_side(chromium: Any, folder: Path, tmp_path: Path) -
         right = np.linalg.svd(np.cov(np.array([a.offset for a in stage.actors]).T))[0][:, 0]
         spans = sorted(sorted((float((box @ right).min()), float((box @ right).max()))) for box in boxes)
         assert spans[0][1] < spans[1][0]
+        page.page.close()
+    finally:
+        stage.server.stop()
+
+
+@needs_chromium
+def test_two_fits_of_one_recording_show_the_same_moment(chromium: Any, folder: Path) -> None:
+    stage = open_stage([folder, folder], "127.0.0.1", 0, "z")
+    try:
+        page = Page(chromium, stage)
+        page.set("frame", 8)
+        until(lambda: all(actor.frame == 8 for actor in stage.actors), "one of them stayed behind")
+        expected = stage.actors[0].result.motion.q[8]
+        until(lambda: np.allclose([a.posture.q for a in stage.actors], expected), "another posture is shown")
+        first, second = stage.controls
+        page.page.get_by_role("button", name="Play").first.click()
+        until(lambda: stage.actors[1].frame != 8, "only one plays")
+        assert first.play.label == "Pause" and second.play.label == "Play"
+        page.page.get_by_role("button", name="Pause").first.click()
         page.page.close()
     finally:
         stage.server.stop()

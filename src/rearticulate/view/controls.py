@@ -45,6 +45,7 @@ class Controls:
     def __init__(self, server: viser.ViserServer, actor: Actor, savers: Savers) -> None:
         self._server, self.actor, self._savers = server, actor, savers
         self._playing, self._seed = False, 0
+        self.along: list[Controls] = []  # of other fits of the same recording, which show the same moment
         self.hand = Hand(server, actor, self._synchronize)
         gui = server.gui
         gui.add_markdown("**" + actor.name + "** · " + " · ".join(headline(actor.result, actor.sequence)[:3]))
@@ -65,10 +66,12 @@ class Controls:
         self.actor.show(posture)
         self._synchronize()
 
-    def show_frame(self, frame: int) -> None:
-        """A measured frame and the posture fitted to it."""
-        self.actor.show_frame(frame)
-        self.show(self.actor.result.motion.posture(frame))
+    def show_moment(self, now: float) -> None:
+        """A moment of the recording, in frames: the nearest measured points, the fitted posture between the frames."""
+        if round(now) != self.actor.frame:
+            self.actor.show_frame(round(now))
+            self.time.value = round(now)
+        self.show(between_frames(self.actor.result.motion, np.array([now])).posture(0))
 
     def pick(self, row: int) -> None:
         """A point of the actor's cloud was clicked: the hand takes it, its part is described."""
@@ -98,16 +101,24 @@ class Controls:
         @self.time.on_update
         def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
-                self.show_frame(int(self.time.value))
+                self._show_together(float(self.time.value))
 
         self.play.on_click(lambda event: self._toggle_play())
         measured.on_update(lambda event: self.actor.show_measured(measured.value))
         axes.on_update(lambda event: self.actor.show_axes(axes.value))
         labels.on_update(lambda event: self.actor.show_labels(labels.value))
 
+    def _show_together(self, now: float) -> None:
+        for controls in (self, *self.along):
+            controls.show_moment(now)
+
+    def _set_playing(self, playing: bool) -> None:
+        self._playing, self.play.label = playing, "Pause" if playing else "Play"
+
     def _toggle_play(self) -> None:
-        self._playing = not self._playing
-        self.play.label = "Pause" if self._playing else "Play"
+        for controls in self.along:
+            controls._set_playing(False)
+        self._set_playing(not self._playing)
         if self._playing:
             threading.Thread(target=self._play, daemon=True).start()
 
@@ -119,10 +130,7 @@ class Controls:
             if not 0 <= now + step <= last:
                 step = -step
             now = min(max(now + step, 0.0), float(last))
-            if round(now) != self.actor.frame:
-                self.actor.show_frame(round(now))
-                self.time.value = round(now)
-            self.show(between_frames(self.actor.result.motion, np.array([now])).posture(0))
+            self._show_together(now)
             time.sleep(1 / RATE)
 
     def _add_sliders(self) -> dict[int, viser.GuiSliderHandle[float]]:

@@ -47,6 +47,9 @@ class Stage:
         for actor in self.actors:
             with tabs.add_tab(actor.name):
                 out.append(Controls(self.server, actor, savers))
+        if len({len(actor.sequence) for actor in self.actors}) == 1:
+            for controls in out:
+                controls.along = [other for other in out if other is not controls]
         return out
 
     def _look(self, view: View) -> None:
