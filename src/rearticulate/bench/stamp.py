@@ -18,6 +18,7 @@ PACKAGE = Path(__file__).resolve().parents[1]
 _CODE = (
     "config.py",
     "evaluate",
+    "export",
     "fit",
     "geometry",
     "io",
@@ -25,7 +26,9 @@ _CODE = (
     "pipeline.py",
     "pose",
     "records.py",
+    "render",
     "results.py",
+    "shape",
     "synth",
 )
 _KINDS = (".py", ".safetensors")
