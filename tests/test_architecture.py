@@ -27,7 +27,8 @@ LAYERS = [
     {"commands"},
     {"cli"},
 ]
-HEAVY = ("matplotlib", "plotly", "trimesh", "typer", "loky", "yourdfpy", "torch", "safetensors", "ot", "PIL")
+HEAVY = ("matplotlib", "plotly", "trimesh", "typer", "loky", "yourdfpy")
+HEAVY += ("torch", "safetensors", "ot", "PIL", "viser", "coacd", "pxr", "av")
 
 
 def layer(name: str) -> int:

@@ -97,6 +97,16 @@ def test_other_suffixes_are_one_line(saved: Path, tmp_path: Path) -> None:
     assert "written as .ply" in one_line(run("pose", saved, "-o", tmp_path / "cloud.stl"))
 
 
+def test_a_file_is_replaced_only_when_asked(saved: Path, tmp_path: Path) -> None:
+    file = tmp_path / "cloud.ply"
+    file.write_text("mine")
+    assert "exists; name another file" in one_line(run("pose", saved, "-o", file))
+    assert file.read_text() == "mine"
+    assert run("pose", saved, "-o", file, "--overwrite").exit_code == 0 and len(cloud(file)) > 0
+    (tmp_path / "folder.ply").mkdir()
+    assert "is a folder" in one_line(run("pose", saved, "-o", tmp_path / "folder.ply", "--overwrite"))
+
+
 def test_postures_survive_the_file(tmp_path: Path) -> None:
     for model in (toy()[0].model, ball_model()):
         rng = np.random.default_rng(0)

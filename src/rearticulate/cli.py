@@ -123,12 +123,13 @@ def pose(
     frame: Frame = None,
     start: Start = None,
     dense: Annotated[bool, typer.Option("--dense", help="With the points of all frames.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier file.")] = False,
     json: Json = False,
 ) -> None:
     """The object in any posture, from joint values."""
     from rearticulate.commands.posing import run_pose
 
-    run_pose(result, output, joint or [], frame, start, dense, json)
+    run_pose(result, output, joint or [], frame, start, dense, overwrite, json)
 
 
 @app.command()

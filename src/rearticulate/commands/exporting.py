@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rearticulate.commands.folders import check_folder
 from rearticulate.commands.options import check_up
 from rearticulate.commands.outcome import say
+from rearticulate.commands.outputs import check_folder
 from rearticulate.commands.show import print_json
 from rearticulate.errors import InputError
 from rearticulate.export.robot import ExportConfig

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rearticulate.commands.outcome import say
+from rearticulate.commands.outputs import check_file
 from rearticulate.commands.show import print_json
 from rearticulate.errors import InputError
 from rearticulate.geometry.se3 import transform
@@ -26,9 +27,17 @@ _LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 def run_pose(
-    folder: Path, out: Path, joints: list[str], frame: int | None, start: Path | None, dense: bool, as_json: bool
+    folder: Path,
+    out: Path,
+    joints: list[str],
+    frame: int | None,
+    start: Path | None,
+    dense: bool,
+    overwrite: bool,
+    as_json: bool,
 ) -> None:
     """The command `pose`."""
+    check_file(out, overwrite)
     if out.suffix.lower() not in (".ply", ".json"):
         raise InputError(f"{out}: a posed cloud is written as .ply, a posture as .json")
     if dense and out.suffix.lower() == ".json":

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from rearticulate.commands.options import check_up, parse_view
+from rearticulate.commands.outputs import check_file
 from rearticulate.commands.progress import StageProgress
 from rearticulate.errors import InputError
 from rearticulate.io.model import load_result, load_sequence_of
@@ -20,8 +21,7 @@ def run_render(
     """The command `render`."""
     if out.suffix.lower() not in FORMATS:
         raise InputError(f"{out}: a clip is written as {' or '.join(FORMATS)}")
-    if out.exists() and not overwrite:
-        raise InputError(f"{out}: exists; name another file or ask for --overwrite")
+    check_file(out, overwrite)
     if not 64 <= size <= 2000:
         raise InputError(f"--size {size}: must be 64 to 2000 pixels")
     names, eye = chosen_panels(panels), parse_view(view, check_up(up))

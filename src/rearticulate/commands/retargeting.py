@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rearticulate.commands.folders import check_folder
+from rearticulate.commands.outputs import check_folder
 from rearticulate.commands.posing import first_posture, save_posed
 from rearticulate.commands.show import print_json, show_change, show_clicks
 from rearticulate.errors import InputError

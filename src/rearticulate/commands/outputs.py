@@ -1,10 +1,18 @@
-"""Folders that a command writes, and may replace only where it wrote them before: a file in them tells."""
+"""What a command may replace: a file or a folder only when it is told to, a folder only where it wrote it before."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from rearticulate.errors import InputError
+
+
+def check_file(out: Path, overwrite: bool) -> None:
+    """An InputError unless a file may be written to `out`."""
+    if out.is_dir():
+        raise InputError(f"{out}: is a folder; name a file")
+    if out.exists() and not overwrite:
+        raise InputError(f"{out}: exists; name another file or ask for --overwrite")
 
 
 def check_folder(out: Path, mark: str, what: str, overwrite: bool) -> None:
