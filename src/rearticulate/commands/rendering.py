@@ -10,7 +10,7 @@ from rearticulate.commands.progress import StageProgress
 from rearticulate.errors import InputError
 from rearticulate.io.model import load_result, load_sequence_of
 from rearticulate.io.posture import load_posture
-from rearticulate.render.clip import FORMATS, film, write_clip
+from rearticulate.render.clip import check_clip, film, write_clip
 from rearticulate.render.panels import PANELS, Story, novel_posture
 from rearticulate.render.viewpoint import best_view
 
@@ -19,8 +19,7 @@ def run_render(
     folder: Path, out: Path, panels: str, posture: Path | None, size: int, view: str, up: str, overwrite: bool
 ) -> None:
     """The command `render`."""
-    if out.suffix.lower() not in FORMATS:
-        raise InputError(f"{out}: a clip is written as {' or '.join(FORMATS)}")
+    check_clip(out)
     check_file(out, overwrite)
     if not 64 <= size <= 2000:
         raise InputError(f"--size {size}: must be 64 to 2000 pixels")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -70,13 +71,20 @@ def there_and_back(pictures: list[Image.Image]) -> list[Image.Image]:
     return pictures + pictures[-2:0:-1]
 
 
+def check_clip(path: Path) -> None:
+    """An InputError where no clip can be written under this name: another suffix, or PyAV is absent."""
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(f"{path}: a clip is written as {' or '.join(FORMATS)}")
+    if path.suffix.lower() == ".mp4":
+        with needs("video"):
+            import_module("av")
+
+
 def write_clip(path: Path, pictures: Sequence[Image.Image]) -> None:
     """Write .gif or .mp4, whole or not at all."""
-    suffix = path.suffix.lower()
-    if suffix not in FORMATS:
-        raise InputError(f"{path}: a clip is written as {' or '.join(FORMATS)}")
+    check_clip(path)
     with atomic_file(path) as partial:
-        _write_gif(partial, pictures) if suffix == ".gif" else _write_mp4(partial, pictures)
+        _write_gif(partial, pictures) if path.suffix.lower() == ".gif" else _write_mp4(partial, pictures)
 
 
 def _write_gif(path: Path, pictures: Sequence[Image.Image]) -> None:
@@ -93,8 +101,7 @@ def _write_gif(path: Path, pictures: Sequence[Image.Image]) -> None:
 
 
 def _write_mp4(path: Path, pictures: Iterable[Image.Image]) -> None:
-    with needs("video"):
-        import av
+    import av
 
     with av.open(str(path), "w", format="mp4") as container:
         stream = None
