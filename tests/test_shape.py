@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from rearticulate.pose.fuse import fuse, without_strays
-from rearticulate.shape.body import FLAT, ShapeConfig, hull_of, make_body, sound
-from rearticulate.shape.surface import surface
+from rearticulate.shape.body import FLAT, ShapeConfig, beyond, grown, hull_of, make_body, sound
+from rearticulate.shape.surface import Grid, ball_radius, closing, handles, surface, unpierced
 from toy_result import toy
 
 CONFIG = ShapeConfig(density=1000.0)
@@ -58,6 +58,38 @@ def test_a_cup_stays_hollow_and_its_pieces_leave_the_hollow_free() -> None:
     assert len(body.pieces) > 1
     assert not any(piece.contains([[0, 0, 0.3]])[0] for piece in body.pieces)
     assert body.surface.volume == pytest.approx(cup.volume, rel=0.15)
+
+
+def test_a_thin_tube_is_not_pierced() -> None:
+    rng = np.random.default_rng(0)
+    angle, z = rng.uniform(0, 2 * np.pi, 3000), rng.uniform(-2, 2, 3000)
+    points = np.stack([np.cos(angle), np.sin(angle), z], axis=1)
+    radius = ball_radius(points)
+    pierced = closing(points, Grid.around(points, radius))
+    assert pierced is not None and handles(pierced) > 5
+    mesh = unpierced(points, radius)[1]
+    assert mesh is not None and handles(mesh) <= 1 and mesh.is_watertight
+
+
+def test_a_grating_keeps_its_openings() -> None:
+    rng = np.random.default_rng(0)
+    bars = [(np.array([1.0, 0.04, 0.04]), np.array([0, y, 0])) for y in np.linspace(-0.5, 0.5, 5)]
+    bars += [(np.array([0.04, 1.0, 0.04]), np.array([x, 0, 0])) for x in np.linspace(-0.5, 0.5, 5)]
+    points = np.concatenate([rng.uniform(-0.5, 0.5, (2500, 3)) * size + place for size, place in bars])
+    found = surface(points, 4000)
+    assert found is not None and handles(found) == 16
+
+
+def test_pieces_hold_the_whole_surface() -> None:
+    rng = np.random.default_rng(0)
+    halves = [trimesh.creation.box((1, 1, 1)), trimesh.creation.box((1, 1, 1))]
+    halves[1].apply_translation([1.5, 0, 0])
+    points = rng.uniform([-0.6, -0.6, -0.6], [2.1, 0.6, 0.6], (500, 3))
+    pieces = grown(halves, points)
+    assert len(pieces) == 2 and all(piece.is_convex for piece in pieces)
+    outside = np.min([beyond(piece, points) for piece in pieces], axis=0)
+    assert outside.max() < 1e-9
+    assert pieces[0].bounds[1, 0] < 1.0 < pieces[1].bounds[0, 0] + 0.5
 
 
 def test_slivers_have_no_hull() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -105,7 +106,25 @@ def convex_pieces(mesh: trimesh.Trimesh, config: ShapeConfig) -> tuple[trimesh.T
         seed=SEED,
     )
     pieces = [hull_of(np.asarray(vertices)) for vertices, _ in found]
-    return tuple(piece for piece in pieces if piece is not None) or (hull,)
+    return grown([piece for piece in pieces if piece is not None] or [hull], np.asarray(mesh.vertices))
+
+
+def grown(pieces: Sequence[trimesh.Trimesh], points: Array) -> tuple[trimesh.Trimesh, ...]:
+    """Convex pieces that hold all points (M, 3): every point joins the piece that it is in or nearest to. Pieces of a
+    coarse mesh miss what the coarse mesh has lost."""
+    outside = [beyond(piece, points) for piece in pieces]
+    nearest = np.argmin(outside, axis=0)
+    return tuple(
+        trimesh.convex.convex_hull(np.concatenate([piece.vertices, points[nearest == k]]))
+        for k, piece in enumerate(pieces)
+    )
+
+
+def beyond(piece: trimesh.Trimesh, points: Array) -> Array:
+    """(M,) how far points are beyond the farthest plane of a convex piece; negative inside."""
+    return (points @ piece.face_normals.T - np.einsum("fi,fi->f", piece.face_normals, piece.triangles[:, 0])).max(
+        axis=1
+    )
 
 
 def hull_of(points: Array) -> trimesh.Trimesh | None:

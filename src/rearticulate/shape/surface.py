@@ -20,11 +20,13 @@ from rearticulate.geometry.nearest import nearest, search_tree
 Array = NDArray[np.floating]
 
 NEIGHBOUR = 6
-GAP = 2.0  # radius of the ball, in distances to the 6th neighbour: no gap of a randomly sampled surface is wider
+GAP = 2.0  # radius of the ball, in distances to the 6th neighbour: it passes no gap of a randomly sampled surface
 CELL = 0.25  # side of a grid cell, in radii
 SHEET = 0.75  # half the thickness of a wall that has only one side, in cells
 MAX_CELLS = 4_000_000
 SPECK = 0.02  # pieces with a smaller share of the surface are left out
+FEW_HANDLES = 2  # that a part may have without a question
+GROWTH, GROWTHS = 1.4, 3  # of a ball that pierces walls: the factor, and how often
 SMOOTHING = 10  # iterations (Taubin 1995)
 TOLERANCE, COARSER = 0.05, 1.4  # of the surface when it is simplified, in cells; and by how much it grows
 
@@ -34,14 +36,41 @@ def surface(points: Array, max_faces: int) -> trimesh.Trimesh | None:
     span no volume."""
     if len(points) <= NEIGHBOUR or not (radius := ball_radius(points)):
         return None
-    grid = Grid.around(points, radius)
-    mesh = closing(points, grid)
+    grid, mesh = unpierced(points, radius)
     if mesh is None:
         return None
-    mesh = without_specks(mesh)
     mesh = onto_points(mesh, points, grid)
     trimesh.smoothing.filter_taubin(mesh, iterations=SMOOTHING)
     return simplified(mesh, max_faces, TOLERANCE * grid.cell)
+
+
+def unpierced(points: Array, radius: float) -> tuple[Grid, trimesh.Trimesh | None]:
+    """The closing by the smallest ball that does not pierce it.
+
+    A ball sinks into the gaps of a thin wall from both sides, and may meet itself there. A larger one sinks less: while
+    many handles vanish as it grows, they were such holes; those that stay are the object's own.
+    """
+    grid = Grid.around(points, radius)
+    mesh = _closed(points, grid)
+    for _ in range(GROWTHS):
+        if mesh is None or handles(mesh) <= FEW_HANDLES:
+            break
+        wider = Grid.around(points, GROWTH * grid.radius)
+        other = _closed(points, wider)
+        if other is None or handles(other) >= handles(mesh) - FEW_HANDLES:
+            break
+        grid, mesh = wider, other
+    return grid, mesh
+
+
+def handles(mesh: trimesh.Trimesh) -> int:
+    """Of a closed mesh: 0 of a ball or a cup, 1 of a ring."""
+    return mesh.body_count - mesh.euler_number // 2
+
+
+def _closed(points: Array, grid: Grid) -> trimesh.Trimesh | None:
+    mesh = closing(points, grid)
+    return None if mesh is None else without_specks(mesh)
 
 
 def ball_radius(points: Array) -> float:
