@@ -13,6 +13,7 @@ from PIL import Image
 from oracle import perfect_fit
 from rearticulate.geometry.se3 import exp_se3
 from rearticulate.io import load_result, load_sequence, load_truth, save_result
+from rearticulate.io.model import load_sequence_of
 from rearticulate.io.ply import read_cloud, read_header
 from rearticulate.io.posture import load_posture, save_posture
 from rearticulate.records import FitResult, Posture
@@ -233,6 +234,18 @@ def test_track_writes_a_result_of_the_new_scans(tmp_path: Path) -> None:
     np.testing.assert_allclose(cloud(colored), sequence.points[9], atol=1e-9)
     assert load_posture(colored.with_suffix(".json"), result.model).q.tolist() == q
     assert (tmp_path / "out" / "report.html").exists()
+
+
+def test_a_scan_of_something_else_is_told(saved: Path, tmp_path: Path) -> None:
+    points = load_sequence_of(saved).points[0]
+    np.savetxt(tmp_path / "same.xyz", points)
+    size = np.ptp(points, axis=0)
+    np.savetxt(tmp_path / "other.xyz", points[0] + 3 * np.linalg.norm(size) * np.random.default_rng(0).random((200, 3)))
+    for name, strange in (("same", False), ("other", True)):
+        done = run("track", saved, tmp_path / f"{name}.xyz", "-o", tmp_path / name, "--no-report")
+        assert done.exit_code == 0, done.stderr
+        assert (f"warning: {name}.xyz: its points lie" in done.stderr) == strange
+        assert (tmp_path / name / "model.json").exists()
 
 
 def test_scans_that_cannot_be_used_are_one_line(saved: Path, tmp_path: Path) -> None:

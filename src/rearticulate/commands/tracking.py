@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from rearticulate.commands.fitting import FitOptions, write_result
+from rearticulate.commands.outcome import say
 from rearticulate.commands.progress import StageProgress
 from rearticulate.commands.show import print_json, show_scans
+from rearticulate.fit.frames import point_spacing
 from rearticulate.io.model import check_output, load_result, load_sequence_of
 from rearticulate.io.palette import part_colors
 from rearticulate.io.ply import write_cloud
@@ -14,6 +16,8 @@ from rearticulate.io.posture import named_values, save_posture
 from rearticulate.io.sequence import load_scans
 from rearticulate.pose.track import Tracked, followed, track
 from rearticulate.records import FitResult, PointSequence
+
+STRANGE = 3.0  # mean distance of a scan from the model, in point spacings of the recording, that no noise explains
 
 
 def run_track(
@@ -25,6 +29,7 @@ def run_track(
     scans = load_scans(source, scale=scale, max_points=max_points)
     with StageProgress() as progress:
         found = track(result, recorded, scans, lambda share: progress("track", share))
+    warn_of_strangers(recorded, scans, found)
     whole, sequence = followed(result, scans, found)
 
     def each_scan(partial: Path) -> None:
@@ -36,6 +41,17 @@ def run_track(
     else:
         show_scans(result.model, scans.names, found.motion, found.residual)
         print(out)
+
+
+def warn_of_strangers(recorded: PointSequence, scans: PointSequence, found: Tracked) -> None:
+    """A line for every scan that lies beside the model."""
+    usual = point_spacing(recorded.points)
+    for name, residual in zip(scans.names, found.residual, strict=True):
+        if residual > STRANGE * usual:
+            say(
+                f"warning: {name}: its points lie {1000 * residual:.3g} mm from the model, points of the recording "
+                f"{1000 * usual:.3g} mm apart: another object, or a posture that was not found"
+            )
 
 
 def write_scans(folder: Path, result: FitResult, scans: PointSequence, found: Tracked) -> None:
