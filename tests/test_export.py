@@ -17,7 +17,7 @@ from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdValidation
 from scipy.spatial.transform import Rotation
 
 from rearticulate.bench.khronos import VALIDATOR, validate
-from rearticulate.export.contacts import pairs_in_touch
+from rearticulate.export.drives import damping, stiffness
 from rearticulate.export.names import safe_names
 from rearticulate.export.robot import ExportConfig, Robot, make_robot
 from rearticulate.export.write import FORMATS, export
@@ -220,6 +220,24 @@ def test_usd_plays_the_recording_and_knows_the_bodies(exported: tuple[Robot, Pat
             assert UsdPhysics.MassAPI(prim).GetMassAttr().Get() == pytest.approx(link.body.mass, rel=1e-6)
 
 
+def test_usd_drives_the_joints_and_lets_neighbours_touch(exported: tuple[Robot, Path]) -> None:
+    robot, folder = exported
+    stage = Usd.Stage.Open(str(folder / f"{robot.name}.usdc"))
+    for j in robot.joints:
+        slides = robot.links[j].kind == "prismatic"
+        prim = stage.GetPrimAtPath(f"/{robot.name}/joints/{robot.links[j].name}_joint")
+        drive = UsdPhysics.DriveAPI(prim, "linear" if slides else "angular")
+        unit = 1.0 if slides else np.degrees(1.0)
+        assert drive.GetStiffnessAttr().Get() * unit == pytest.approx(stiffness(robot, j), rel=1e-6)
+        assert drive.GetDampingAttr().Get() * unit == pytest.approx(damping(robot, j), rel=1e-6)
+    found = set()
+    for a, link in enumerate(robot.links):
+        filtered = UsdPhysics.FilteredPairsAPI(stage.GetPrimAtPath(f"/{robot.name}/{link.name}"))
+        names = [target.name for target in filtered.GetFilteredPairsRel().GetTargets()] if filtered else []
+        found |= {(a, b) for b, other in enumerate(robot.links) if other.name in names}
+    assert found == set(robot.in_touch)
+
+
 def glb(path: Path) -> tuple[dict[str, Any], bytes]:
     """The two blocks of a binary glTF."""
     data = path.read_bytes()
@@ -296,9 +314,9 @@ def test_neighbours_do_not_collide(exported: tuple[Robot, Path]) -> None:
     robot, folder = exported
     solid = [j for j, link in enumerate(robot.links) if link.body is not None]
     neighbours = {tuple(sorted((j, robot.carrier(j)))) for j in solid if robot.carrier(j) >= 0}
-    assert neighbours <= set(pairs_in_touch(robot))
+    assert neighbours <= set(robot.in_touch)
     model, _ = simulation(folder / f"{robot.name}.xml")
-    assert model.nexclude == len(pairs_in_touch(robot))
+    assert model.nexclude == len(robot.in_touch)
 
 
 def test_names_are_safe_and_all_different() -> None:

@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.export.contacts import pairs_in_touch
+from rearticulate.export.drives import DAMPING_RATIO, moved_inertia, stiffness
 from rearticulate.export.meshes import collision_file, visual_file
 from rearticulate.export.names import joint_name
 from rearticulate.export.robot import ExportConfig, Robot
@@ -18,8 +18,6 @@ from rearticulate.shape.body import Body
 
 Array = NDArray[np.floating]
 
-STIFFNESS = 50.0  # angular frequency of a joint under its actuator, rad/s
-DAMPING_RATIO = 1.0
 ARMATURE = 0.01  # of the inertia that the joint moves
 GRAVITY = 9.81
 SITE = 0.06  # half length of the site on an axis, of the object's size
@@ -42,7 +40,7 @@ def mjcf(robot: Robot, config: ExportConfig) -> str:
     ET.SubElement(world, "light", pos=numbers(10 * config.up_axis), dir=numbers(-config.up_axis), directional="true")
     _body(world, robot, 0, [], np.zeros(3))
     contact = ET.SubElement(root, "contact")
-    for a, b in pairs_in_touch(robot):
+    for a, b in robot.in_touch:
         ET.SubElement(contact, "exclude", body1=robot.links[a].name, body2=robot.links[b].name)
     _actuators(root, robot)
     _keyframes(root, robot)
@@ -104,31 +102,14 @@ def _joint(element: ET.Element, robot: Robot, k: int) -> None:
     )
 
 
-def moved_inertia(robot: Robot, k: int) -> float:
-    """What joint k moves in the rest pose: kg m^2 about its axis, or kg along it."""
-    link, total, below = robot.links[k], 0.0, [k]
-    for j in below:
-        below += robot.children(j)
-        body = robot.links[j].body
-        if body is None:
-            continue
-        if link.kind == "prismatic":
-            total += body.mass
-        else:
-            lever = np.cross(link.axis, robot.links[j].origin + body.centre - link.origin)
-            total += float(link.axis @ body.inertia @ link.axis + body.mass * lever @ lever)
-    return total
-
-
 def _actuators(root: ET.Element, robot: Robot) -> None:
-    """A servo a joint, critically damped; what it holds hangs lower by gravity / STIFFNESS^2, about 4 mm."""
+    """A servo a joint."""
     actuators = ET.SubElement(root, "actuator")
     for k in robot.joints_depth_first:
         link = robot.links[k]
         attributes = {"name": f"{link.name}_servo", "joint": joint_name(link.name)}
         attributes["ctrlrange"] = numbers([-np.pi, np.pi] if link.kind == "continuous" else link.limits)
-        stiffness = STIFFNESS**2 * moved_inertia(robot, k)
-        ET.SubElement(actuators, "position", attributes, kp=repr(stiffness), dampratio=repr(DAMPING_RATIO))
+        ET.SubElement(actuators, "position", attributes, kp=repr(stiffness(robot, k)), dampratio=repr(DAMPING_RATIO))
 
 
 def _keyframes(root: ET.Element, robot: Robot) -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rearticulate.export.contacts import pairs_in_touch
 from rearticulate.export.names import safe_names
 from rearticulate.geometry.kinematics import chain, depth_first
 from rearticulate.geometry.se3 import exp_se3
@@ -104,6 +105,12 @@ class Robot:
         while above >= 0 and self.links[above].body is None:
             above = self.links[above].parent
         return above
+
+    @cached_property
+    def in_touch(self) -> list[tuple[int, int]]:
+        """Links with bodies that are neighbours in the tree, or whose convex pieces overlap in a recorded frame."""
+        pieces = {j: link.body.pieces for j, link in enumerate(self.links) if link.body is not None}
+        return pairs_in_touch(pieces, self.forward(self.q), {(self.carrier(j), j) for j in pieces})
 
     def forward(self, q: Array, T_world_root: Array | None = None) -> Array:
         """(..., L, 4, 4) frames of all links at joint values q (..., L)."""

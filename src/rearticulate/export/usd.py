@@ -1,6 +1,7 @@
 """USD with UsdPhysics: an articulation of rigid bodies and joints (https://openusd.org/release/api/usd_physics_page_front.html).
 
-The recorded sequence is in the time samples of the bodies' transforms.
+The recorded sequence is in the time samples of the bodies' transforms. As in the MJCF, joints have position drives, and
+links that touch anyway do not collide.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from rearticulate.export.drives import damping, stiffness
 from rearticulate.export.mjcf import GRAVITY
 from rearticulate.export.names import joint_name
 from rearticulate.export.robot import ExportConfig, Robot
@@ -47,6 +49,9 @@ def write_usd(path: Path, robot: Robot, config: ExportConfig) -> None:
         anchor.CreateBody1Rel().SetTargets([_path(robot, 0)])
     for j in range(1, len(robot.links)):
         _joint(stage, robot, j)
+    for a, b in robot.in_touch:
+        filtered = UsdPhysics.FilteredPairsAPI.Apply(stage.GetPrimAtPath(_path(robot, a)))
+        filtered.CreateFilteredPairsRel().AddTarget(_path(robot, b))
     stage.GetRootLayer().Save()
 
 
@@ -126,3 +131,10 @@ def _joint(stage, robot: Robot, j: int) -> None:
         low, high = np.degrees(link.limits) if link.kind == "revolute" else link.limits
         joint.CreateLowerLimitAttr(float(low))
         joint.CreateUpperLimitAttr(float(high))
+    linear = link.kind == "prismatic"
+    kind = UsdPhysics.Tokens.linear if linear else UsdPhysics.Tokens.angular
+    drive = UsdPhysics.DriveAPI.Apply(joint.GetPrim(), kind)
+    per_unit = 1.0 if linear else np.pi / 180  # UsdPhysics counts turns in degrees
+    drive.CreateTargetPositionAttr(0.0)
+    drive.CreateStiffnessAttr(stiffness(robot, j) * per_unit)
+    drive.CreateDampingAttr(damping(robot, j) * per_unit)
