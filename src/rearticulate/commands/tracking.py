@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 from rearticulate.commands.fitting import FitOptions, write_result
-from rearticulate.commands.outcome import say
 from rearticulate.commands.progress import StageProgress
 from rearticulate.commands.show import print_json, show_scans
+from rearticulate.errors import InputWarning
 from rearticulate.fit.frames import point_spacing
 from rearticulate.io.model import check_output, load_result, load_sequence_of
 from rearticulate.io.palette import part_colors
@@ -48,10 +49,11 @@ def warn_of_strangers(recorded: PointSequence, scans: PointSequence, found: Trac
     usual = point_spacing(recorded.points)
     for name, residual in zip(scans.names, found.residual, strict=True):
         if residual > STRANGE * usual:
-            say(
-                f"warning: {name}: its points lie {1000 * residual:.3g} mm from the model, points of the recording "
+            text = (
+                f"{name}: its points lie {1000 * residual:.3g} mm from the model, points of the recording "
                 f"{1000 * usual:.3g} mm apart: another object, or a posture that was not found"
             )
+            warnings.warn(text, InputWarning, stacklevel=2)
 
 
 def write_scans(folder: Path, result: FitResult, scans: PointSequence, found: Tracked) -> None:
