@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from rearticulate.fit.frames import Frames
 from rearticulate.geometry.se3 import exp_se3, inverse, log_se3
 from rearticulate.records import (
     Array,
@@ -18,6 +17,7 @@ from rearticulate.records import (
     Motion,
     PointSequence,
 )
+from rearticulate.solver.frames import Frames
 
 
 def read_pair(path: Path) -> tuple[PointSequence, GroundTruth]:

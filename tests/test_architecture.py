@@ -17,7 +17,7 @@ LAYERS = [
     {"geometry"},
     {"records"},
     {"config"},
-    {"io", "fit", "network", "pose", "evaluate", "synth"},
+    {"io", "solver", "network", "pose", "evaluation", "synth"},
     {"results"},
     {"pipeline"},
     {"shape"},

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from oracle import random_model
-from rearticulate.fit.articulated import (
+from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, log_se3
+from rearticulate.solver.articulated import (
     MAX_STEP,
     Articulated,
     apply_step,
@@ -17,7 +18,6 @@ from rearticulate.fit.articulated import (
     normalise_twists,
     reduced_system,
 )
-from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, log_se3
 
 F, CANONICAL = 4, 1
 seeds = st.integers(0, 10_000)

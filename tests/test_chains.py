@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rearticulate.fit.articulated import normalise_twists
-from rearticulate.fit.chains import (
+from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, log_se3
+from rearticulate.solver.articulated import normalise_twists
+from rearticulate.solver.chains import (
     fit_chain,
     fit_prismatic,
     fit_revolute,
@@ -15,7 +16,6 @@ from rearticulate.fit.chains import (
     rest_cost,
     weighted_square,
 )
-from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, log_se3
 
 B, F, CANONICAL = 4, 9, 3
 IDENTITY = np.tile(np.eye(6), (B, F, 1, 1))

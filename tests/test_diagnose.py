@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from rearticulate.config import ProjectConfig
-from rearticulate.fit.articulated import Articulated
-from rearticulate.fit.diagnose import diagnose
-from rearticulate.fit.frames import make_frames
+from rearticulate.solver.articulated import Articulated
+from rearticulate.solver.diagnose import diagnose
+from rearticulate.solver.frames import make_frames
 from rearticulate.synth import objects
 from rearticulate.synth.articulated import record
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from oracle import in_spacings
-from rearticulate.fit.energy import PER_BORDER, PER_EMPTY, PER_JOINT, border_length, energy, point_misfit
-from rearticulate.fit.frames import make_frames
 from rearticulate.geometry.se3 import exp_se3, transform
+from rearticulate.solver.energy import PER_BORDER, PER_EMPTY, PER_JOINT, border_length, energy, point_misfit
+from rearticulate.solver.frames import make_frames
 
 
 def grid(n: int = 24) -> np.ndarray:

@@ -11,8 +11,8 @@ from oracle import read_pair
 from rearticulate import pipeline
 from rearticulate.config import FitConfig
 from rearticulate.errors import InputError
-from rearticulate.evaluate.clustering import rand_index
-from rearticulate.evaluate.metrics import evaluate
+from rearticulate.evaluation.clustering import rand_index
+from rearticulate.evaluation.metrics import evaluate
 from rearticulate.geometry.se3 import exp_se3, transform
 from rearticulate.io.stages import StageStore
 from rearticulate.pipeline import canonical_frames, fit, working_rows

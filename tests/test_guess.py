@@ -7,11 +7,11 @@ import pytest
 
 from oracle import in_spacings
 from rearticulate.config import TrackConfig
-from rearticulate.fit.frames import make_frames
-from rearticulate.fit.guess import Guesses
-from rearticulate.fit.kabsch import robust_kabsch
-from rearticulate.fit.track import make_patches, track
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
+from rearticulate.solver.frames import make_frames
+from rearticulate.solver.guess import Guesses
+from rearticulate.solver.kabsch import robust_kabsch
+from rearticulate.solver.track import make_patches, track
 from rearticulate.synth.articulated import record
 from rearticulate.synth.objects import arm
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rearticulate.fit.frames import make_frames
-from rearticulate.fit.incomplete import between, complete_frames
 from rearticulate.geometry.se3 import exp_se3, log_so3
 from rearticulate.pipeline import fit
 from rearticulate.records import PointSequence
+from rearticulate.solver.frames import make_frames
+from rearticulate.solver.incomplete import between, complete_frames
 from rearticulate.synth import objects
 from rearticulate.synth.articulated import record
 from test_articulated import tree

@@ -9,9 +9,10 @@ import pytest
 
 from oracle import in_spacings
 from rearticulate.config import LabelConfig, SeamConfig
-from rearticulate.fit.energy import evidence_frames
-from rearticulate.fit.frames import make_frames
-from rearticulate.fit.labels import (
+from rearticulate.geometry.se3 import exp_se3, inverse, transform
+from rearticulate.solver.energy import evidence_frames
+from rearticulate.solver.frames import make_frames
+from rearticulate.solver.labels import (
     IMPOSSIBLE,
     Graph,
     Labeller,
@@ -21,9 +22,8 @@ from rearticulate.fit.labels import (
     sheet_evidence,
     spatial_graph,
 )
-from rearticulate.fit.relaxed import surface_noise
-from rearticulate.fit.seams import best_cut
-from rearticulate.geometry.se3 import exp_se3, inverse, transform
+from rearticulate.solver.relaxed import surface_noise
+from rearticulate.solver.seams import best_cut
 
 
 def plain_mean_field(unary, neighbour, weight, iterations):

@@ -12,9 +12,9 @@ from hypothesis.extra.numpy import arrays
 
 from oracle import perfect_fit, read_pair
 from rearticulate.errors import InputError
-from rearticulate.evaluate.clustering import contingency, rand_index
-from rearticulate.evaluate.joints import angle_of_lines, joint_errors, match_parts, motion_error
-from rearticulate.evaluate.metrics import clicks, evaluate, flow_accuracy
+from rearticulate.evaluation.clustering import contingency, rand_index
+from rearticulate.evaluation.joints import angle_of_lines, joint_errors, match_parts, motion_error
+from rearticulate.evaluation.metrics import clicks, evaluate, flow_accuracy
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.records import GroundTruth, PointSequence
 

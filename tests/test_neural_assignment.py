@@ -11,7 +11,7 @@ from scipy.spatial.distance import cdist
 
 pytest.importorskip("torch", reason="needs rearticulate[paper]")
 
-from rearticulate.fit.neural.assignment import Assignment, assign
+from rearticulate.solver.neural.assignment import Assignment, assign
 
 
 def clouds(kind, n, rng):

@@ -14,10 +14,10 @@ pytest.importorskip("torch", reason="needs rearticulate[paper]")
 import torch
 
 from rearticulate.config import NeuralConfig
-from rearticulate.fit.flow import SceneFlow
-from rearticulate.fit.neural.correspondences import Assignments, Chamfer, Flow, kept
-from rearticulate.fit.neural.energies import assignment_energy, chamfer_energy, flow_energy
 from rearticulate.geometry.nearest import farthest_points
+from rearticulate.solver.flow import SceneFlow
+from rearticulate.solver.neural.correspondences import Assignments, Chamfer, Flow, kept
+from rearticulate.solver.neural.energies import assignment_energy, chamfer_energy, flow_energy
 
 CANONICAL = 1
 

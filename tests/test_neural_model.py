@@ -10,9 +10,9 @@ pytest.importorskip("torch", reason="needs rearticulate[paper]")
 import torch
 
 from rearticulate.config import NeuralConfig
-from rearticulate.fit.neural.field import PartField, cosine, draw_parts, fit_labels
-from rearticulate.fit.neural.poses import from_matrices, move, rotations, to_matrices
 from rearticulate.geometry.se3 import exp_se3, transform
+from rearticulate.solver.neural.field import PartField, cosine, draw_parts, fit_labels
+from rearticulate.solver.neural.poses import from_matrices, move, rotations, to_matrices
 
 
 def generator(seed=0):

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("torch", reason="needs rearticulate[paper]")
 
-from rearticulate.fit.neural.neighbours import BoxTree
+from rearticulate.solver.neural.neighbours import BoxTree
 
 
 def brute(points, queries, k):

@@ -13,12 +13,12 @@ import torch
 
 from oracle import in_spacings
 from rearticulate.config import NeuralConfig
-from rearticulate.fit.articulated import Articulated, normalise_twists
-from rearticulate.fit.flow import SceneFlow
-from rearticulate.fit.frames import make_frames
-from rearticulate.fit.neural.refine import ScrewTree, refine, screw_steps
-from rearticulate.fit.neural.relax import make_scene
 from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, transform
+from rearticulate.solver.articulated import Articulated, normalise_twists
+from rearticulate.solver.flow import SceneFlow
+from rearticulate.solver.frames import make_frames
+from rearticulate.solver.neural.refine import ScrewTree, refine, screw_steps
+from rearticulate.solver.neural.relax import make_scene
 from rearticulate.synth.articulated import record
 from rearticulate.synth.objects import cabinet
 

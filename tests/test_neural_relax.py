@@ -14,12 +14,12 @@ from scipy.spatial.distance import cdist
 
 from oracle import in_spacings
 from rearticulate.config import NeuralConfig
-from rearticulate.fit.flow import SceneFlow
-from rearticulate.fit.frames import make_frames
-from rearticulate.fit.neural.relax import cells, dissolve, relax_neural
-from rearticulate.fit.relaxed import Relaxed
 from rearticulate.geometry.nearest import search_tree
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
+from rearticulate.solver.flow import SceneFlow
+from rearticulate.solver.frames import make_frames
+from rearticulate.solver.neural.relax import cells, dissolve, relax_neural
+from rearticulate.solver.relaxed import Relaxed
 from rearticulate.synth.articulated import record
 from rearticulate.synth.objects import hinge
 

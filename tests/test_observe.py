@@ -9,9 +9,9 @@ import pytest
 
 from oracle import in_spacings
 from rearticulate.config import PRESETS
-from rearticulate.fit.frames import make_frames
-from rearticulate.fit.neural.observe import observed_flow
 from rearticulate.geometry.se3 import transform
+from rearticulate.solver.frames import make_frames
+from rearticulate.solver.neural.observe import observed_flow
 from rearticulate.synth.articulated import record
 from rearticulate.synth.objects import arm
 

@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rearticulate.config import ProjectConfig
-from rearticulate.fit.articulated import Articulated
-from rearticulate.fit.frames import make_frames
-from rearticulate.fit.project import Evidence, free_share
-from rearticulate.fit.relaxed import Relaxed
-from rearticulate.fit.tree import choose_root, spanning_tree
 from rearticulate.geometry.se3 import exp_se3, inverse
+from rearticulate.solver.articulated import Articulated
+from rearticulate.solver.frames import make_frames
+from rearticulate.solver.project import Evidence, free_share
+from rearticulate.solver.relaxed import Relaxed
+from rearticulate.solver.tree import choose_root, spanning_tree
 
 
 def symmetric(cost):

@@ -6,11 +6,11 @@ import numpy as np
 
 from oracle import in_spacings
 from rearticulate.config import RestConfig
-from rearticulate.fit.frames import make_frames
-from rearticulate.fit.relax import largest_region, part_at_rest
-from rearticulate.fit.relaxed import Relaxed
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import exp_se3, transform
+from rearticulate.solver.frames import make_frames
+from rearticulate.solver.relax import largest_region, part_at_rest
+from rearticulate.solver.relaxed import Relaxed
 
 
 def grid(n, shift=0.0):

@@ -3,11 +3,11 @@
 import numpy as np
 
 from rearticulate.config import LabelConfig, SeamConfig
-from rearticulate.fit.articulated import Articulated
-from rearticulate.fit.frames import make_frames
-from rearticulate.fit.seams import cut_seams
 from rearticulate.geometry.kinematics import forward_kinematics
 from rearticulate.geometry.se3 import transform
+from rearticulate.solver.articulated import Articulated
+from rearticulate.solver.frames import make_frames
+from rearticulate.solver.seams import cut_seams
 
 PARENT = np.array([-1, 0, 1])
 AXES = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])

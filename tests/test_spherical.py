@@ -9,18 +9,18 @@ import pytest
 
 from oracle import in_spacings
 from rearticulate.config import DeviationConfig, ProjectConfig, preset
-from rearticulate.evaluate.metrics import evaluate
-from rearticulate.evaluate.tree_distance import tree_edit_distance
-from rearticulate.fit.deviation import centred
-from rearticulate.fit.frames import make_frames
-from rearticulate.fit.relaxed import Relaxed
-from rearticulate.fit.spherical import fit_balls, project_balls
-from rearticulate.fit.tree import choose_root
+from rearticulate.evaluation.metrics import evaluate
+from rearticulate.evaluation.tree_distance import tree_edit_distance
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.io.model import load_result, save_result
 from rearticulate.pose.retarget import retarget
 from rearticulate.pose.single import single_valued
 from rearticulate.records import KinematicModel
+from rearticulate.solver.deviation import centred
+from rearticulate.solver.frames import make_frames
+from rearticulate.solver.relaxed import Relaxed
+from rearticulate.solver.spherical import fit_balls, project_balls
+from rearticulate.solver.tree import choose_root
 from rearticulate.synth.balls import PARENT, record_figure
 
 C = 2

@@ -11,7 +11,7 @@ from apted.helpers import Tree
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from rearticulate.evaluate.tree_distance import tree_edit_distance
+from rearticulate.evaluation.tree_distance import tree_edit_distance
 
 
 class FreeRename(Config):

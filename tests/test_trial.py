@@ -5,10 +5,10 @@ import pytest
 from scipy.spatial import KDTree
 
 from rearticulate.config import TrialConfig
-from rearticulate.fit.frames import make_frames
-from rearticulate.fit.relaxed import Relaxed
-from rearticulate.fit.trial import Trials, shared_border, trial_merge
 from rearticulate.geometry.nearest import nearest
+from rearticulate.solver.frames import make_frames
+from rearticulate.solver.relaxed import Relaxed
+from rearticulate.solver.trial import Trials, shared_border, trial_merge
 
 
 def test_borders_are_symmetric_and_as_long_as_the_common_edge():

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rearticulate.config import FitConfig
     from rearticulate.errors import FitError, InputError, InputWarning
-    from rearticulate.evaluate.metrics import evaluate
+    from rearticulate.evaluation.metrics import evaluate
     from rearticulate.export.write import save_robot
     from rearticulate.io import (
         load_model,
@@ -40,7 +40,7 @@ _HOME = {
     "InputWarning": "errors",
     "KinematicModel": "records",
     "PointSequence": "records",
-    "evaluate": "evaluate.metrics",
+    "evaluate": "evaluation.metrics",
     "fit": "pipeline",
     "load_model": "io",
     "load_result": "io",

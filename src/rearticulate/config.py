@@ -15,7 +15,7 @@ from rearticulate.errors import InputError
 
 @dataclass(frozen=True)
 class TrackConfig:
-    """Patch tracking (`fit.track`)."""
+    """Patch tracking (`solver.track`)."""
 
     points_per_node: float = 12.8
     min_nodes: int = 160
@@ -39,7 +39,7 @@ class TrackConfig:
 
 @dataclass(frozen=True)
 class ClusterConfig:
-    """Over-segmentation of the tracked patches (`fit.cluster`)."""
+    """Over-segmentation of the tracked patches (`solver.cluster`)."""
 
     sigma: float = 0.75
     penalty: float = 5.0  # growth of the rigid-fit error, in sigma^2 a frame, that stops the merging
@@ -47,9 +47,9 @@ class ClusterConfig:
 
 @dataclass(frozen=True)
 class TrialConfig:
-    """Trial merges and repairs of parts (`fit.trial`)."""
+    """Trial merges and repairs of parts (`solver.trial`)."""
 
-    subset: int = 90  # points of a part that take part in a trial (`fit.trial.Trials.subset`)
+    subset: int = 90  # points of a part that take part in a trial (`solver.trial.Trials.subset`)
     gap: float = 4.0  # parts closer than this may be tried
     border: float = 0.5  # what a border as long as the smaller part has points is worth when pairs compete
     threshold_first: float = 0.03  # growth of the misfit below which two parts are one
@@ -58,9 +58,9 @@ class TrialConfig:
 
 @dataclass(frozen=True)
 class RepairConfig:
-    """Restarts of lost parts (`fit.repair`)."""
+    """Restarts of lost parts (`solver.repair`)."""
 
-    subset: int = 150  # points of a part that take part in a restart (`fit.trial.Trials.subset`)
+    subset: int = 150  # points of a part that take part in a restart (`solver.trial.Trials.subset`)
     minimum_points: int = 12
     margin: float = 0.06  # another pose must lower the misfit by this much to be taken
     unexplained: float = 1.5  # a point farther than this from every other part is unexplained
@@ -81,7 +81,7 @@ class RepairConfig:
 
 @dataclass(frozen=True)
 class RestConfig:
-    """The part at rest (`fit.relax.part_at_rest`)."""
+    """The part at rest (`solver.relax.part_at_rest`)."""
 
     motion: float = 1.0  # only when every part moves more than this
     minimum_part: int = 40
@@ -92,7 +92,7 @@ class RestConfig:
 
 @dataclass(frozen=True)
 class LabelConfig:
-    """Labels of all frames' points (`fit.labels`)."""
+    """Labels of all frames' points (`solver.labels`)."""
 
     offset_scale: float = 0.4  # Gaussian weight of the offset between the tangent planes of two neighbours
     space_scale: float = 1.87  # Gaussian weight of a spatial neighbour
@@ -115,7 +115,7 @@ class LabelConfig:
 
 @dataclass(frozen=True)
 class ProjectConfig:
-    """Tests of relative motion and the kinematic tree (`fit.project`). Chi-squares are per degree of freedom."""
+    """Tests of relative motion and the kinematic tree (`solver.project`). Chi-squares are per degree of freedom."""
 
     noise_floor: float = 0.25  # registration is never trusted to better than this
     merge: float = 1.0  # parts that rest against each other better than this are one
@@ -141,7 +141,7 @@ class ProjectConfig:
 
 @dataclass(frozen=True)
 class SeamConfig:
-    """Plane seams across joint axes (`fit.seams`)."""
+    """Plane seams across joint axes (`solver.seams`)."""
 
     zone: float = 9.0  # points this near to both parts may change sides
     minimum_points: int = 30
@@ -159,7 +159,7 @@ class SeamConfig:
 
 @dataclass(frozen=True)
 class NeuralConfig:
-    """The paper's relaxed model (`fit.neural.relax`), supplement, "Optimization Details". Lengths are in metres of the
+    """The paper's relaxed model (`solver.neural.relax`), supplement, "Optimization Details". Lengths in metres of the
     object as the fit sees it, scaled to `radius`."""
 
     radius: float = 0.3  # rms distance of the canonical points from their centroid: about that of a robot of 1 m
@@ -191,7 +191,7 @@ class NeuralConfig:
     temperature_end: float = 1.0
     minimum_points: int = 20  # a part with fewer canonical points is dissolved
     start_iterations: int = 300  # that fit the field to given labels, when there are any
-    final_iterations: int = 200  # of the final fit (`fit.neural.refine`)
+    final_iterations: int = 200  # of the final fit (`solver.neural.refine`)
     final_rate: float = 1e-2
     final_rate_end: float = 0.0
     final_thinning: int = 2
@@ -200,7 +200,7 @@ class NeuralConfig:
 
 @dataclass(frozen=True)
 class DeviationConfig:
-    """The paper's rules for merging and projecting (`fit.deviation`), in metres of an object scaled to `radius`."""
+    """The paper's rules for merging and projecting (`solver.deviation`), in metres of an object scaled to `radius`."""
 
     joints: Literal["screw", "ball"] = "screw"  # hinges and slides, or ball joints alone ("beyond 1DOF joints")
     radius: float = 0.3  # rms distance of the canonical points from their centroid
@@ -214,8 +214,8 @@ class DeviationConfig:
 class FitConfig:
     """Everything a fit depends on besides the sequence and the seed."""
 
-    relax: Literal["direct", "neural"] = "direct"  # how the relaxed model is found: `fit.relax` or `fit.neural.relax`
-    articulate: Literal["direct", "paper"] = "direct"  # and the tree: `fit.articulate` or `fit.neural.articulate`
+    relax: Literal["direct", "neural"] = "direct"  # the relaxed model: `solver.relax`, `solver.neural.relax`
+    articulate: Literal["direct", "paper"] = "direct"  # the tree: `solver.articulate`, `solver.neural.articulate`
     working_points: int = 5000  # points a frame that take part in the fit; all are labelled
     canonical_tries: int = 4  # frames from which the model is fitted, at most; the lowest energy wins
     canonical_work: int = 82_000  # ... and two at least, but no more than make this many points to register in all

@@ -13,21 +13,21 @@ from numpy.typing import NDArray
 
 from rearticulate.config import FitConfig
 from rearticulate.errors import InputError
-from rearticulate.fit.articulate import articulate
-from rearticulate.fit.articulated import Articulated
-from rearticulate.fit.energy import energy
-from rearticulate.fit.flow import SceneFlow
-from rearticulate.fit.frames import Frames, make_frames
-from rearticulate.fit.incomplete import complete_frames, fill_in
-from rearticulate.fit.labels import Labeller
-from rearticulate.fit.relax import relax
-from rearticulate.fit.relaxed import Relaxed
-from rearticulate.fit.spherical import BallTree
 from rearticulate.io.check import check_sequence
 from rearticulate.io.stages import StageStore
 from rearticulate.parallel import side_by_side
 from rearticulate.records import FitResult, PointSequence, StageTime
 from rearticulate.results import Candidate, to_result
+from rearticulate.solver.articulate import articulate
+from rearticulate.solver.articulated import Articulated
+from rearticulate.solver.energy import energy
+from rearticulate.solver.flow import SceneFlow
+from rearticulate.solver.frames import Frames, make_frames
+from rearticulate.solver.incomplete import complete_frames, fill_in
+from rearticulate.solver.labels import Labeller
+from rearticulate.solver.relax import relax
+from rearticulate.solver.relaxed import Relaxed
+from rearticulate.solver.spherical import BallTree
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -123,7 +123,7 @@ def scene_flow(frames: Frames, config: FitConfig, progress: Progress) -> tuple[S
     """The observed flow between successive frames, where a half of the fit asks for it."""
     if config.relax == config.articulate == "direct":
         return ()
-    from rearticulate.fit.neural.observe import observed_flow
+    from rearticulate.solver.neural.observe import observed_flow
 
     progress("flow", 0.0)
     return observed_flow(frames, config)
@@ -171,7 +171,7 @@ class Solver:
         if not neural or self.config.neural.start == "direct":
             model = relax(self.frames, canonical, self.labeller, self.config, rng, self.clock)
         if model is None or neural:
-            from rearticulate.fit.neural.relax import relax_neural
+            from rearticulate.solver.neural.relax import relax_neural
 
             model = relax_neural(self.frames, canonical, self.flow, self.config.neural, rng, self.clock, model)
         self.store.save(f"relaxed-{canonical}", self.mark, {"T": model.T, "labels": model.labels})
@@ -179,7 +179,7 @@ class Solver:
 
     def articulated(self, canonical: int, relaxed: Relaxed) -> Candidate:
         if self.config.articulate == "paper":
-            from rearticulate.fit.neural.articulate import articulate_paper
+            from rearticulate.solver.neural.articulate import articulate_paper
 
             tree, labels, cost = articulate_paper(self.frames, canonical, relaxed, self.flow, self.config, self.clock)
             return Candidate(canonical, tree, labels, cost, relaxed)

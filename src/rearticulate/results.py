@@ -9,12 +9,6 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from rearticulate.config import FitConfig
-from rearticulate.fit.articulated import Articulated
-from rearticulate.fit.diagnose import diagnose
-from rearticulate.fit.energy import frame_residual
-from rearticulate.fit.frames import Frames
-from rearticulate.fit.relaxed import Relaxed
-from rearticulate.fit.spherical import BallTree, diagnose_balls
 from rearticulate.geometry.se3 import from_unit
 from rearticulate.records import (
     FitResult,
@@ -25,6 +19,12 @@ from rearticulate.records import (
     PointSequence,
     RelaxedModel,
 )
+from rearticulate.solver.articulated import Articulated
+from rearticulate.solver.diagnose import diagnose
+from rearticulate.solver.energy import frame_residual
+from rearticulate.solver.frames import Frames
+from rearticulate.solver.relaxed import Relaxed
+from rearticulate.solver.spherical import BallTree, diagnose_balls
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]

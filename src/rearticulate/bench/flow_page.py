@@ -16,12 +16,12 @@ from rearticulate.bench.published import SIX
 from rearticulate.bench.runner import Answer, Job
 from rearticulate.bench.variants import VARIANTS
 from rearticulate.config import PRESETS, TrackConfig
-from rearticulate.fit.flow import SceneFlow
-from rearticulate.fit.frames import make_frames
-from rearticulate.fit.neural.observe import observed_flow
-from rearticulate.fit.track import track
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
+from rearticulate.solver.flow import SceneFlow
+from rearticulate.solver.frames import make_frames
+from rearticulate.solver.neural.observe import observed_flow
+from rearticulate.solver.track import track
 from rearticulate.synth.perturb import stepped_pair
 
 Array = NDArray[np.floating]

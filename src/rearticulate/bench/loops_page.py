@@ -20,15 +20,15 @@ from rearticulate.bench.cases import Case, data_folder
 from rearticulate.bench.markdown import head, table
 from rearticulate.bench.runner import Answer
 from rearticulate.config import PRESETS, NeuralConfig
-from rearticulate.fit.frames import make_frames
-from rearticulate.fit.neural.assignment import Assignment, assign
-from rearticulate.fit.neural.neighbours import BoxTree
-from rearticulate.fit.neural.observe import observed_flow
-from rearticulate.fit.neural.relax import Model, Scene, descend, make_scene
 from rearticulate.geometry.nearest import farthest_points, nearest, rms_radius, search_tree
 from rearticulate.network.inference import load_network
 from rearticulate.network.pointnet import Batch, CorrespondenceNet
 from rearticulate.network.pyramid import build_pyramid
+from rearticulate.solver.frames import make_frames
+from rearticulate.solver.neural.assignment import Assignment, assign
+from rearticulate.solver.neural.neighbours import BoxTree
+from rearticulate.solver.neural.observe import observed_flow
+from rearticulate.solver.neural.relax import Model, Scene, descend, make_scene
 
 Array = NDArray[np.floating]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rearticulate.evaluate.metrics import point_motion
+from rearticulate.evaluation.metrics import point_motion
 from rearticulate.records import FitResult, GroundTruth, PointSequence
 
 ENOUGH = 10  # points of a part that a frame must show

@@ -17,9 +17,8 @@ from rearticulate.config import FitConfig
 PACKAGE = Path(__file__).resolve().parents[1]
 _CODE = (
     "config.py",
-    "evaluate",
+    "evaluation",
     "export",
-    "fit",
     "geometry",
     "io",
     "network",
@@ -29,6 +28,7 @@ _CODE = (
     "render",
     "results.py",
     "shape",
+    "solver",
     "synth",
 )
 _KINDS = (".py", ".safetensors")

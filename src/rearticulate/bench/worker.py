@@ -15,8 +15,8 @@ from typing import Any
 from rearticulate.bench.cases import Case, data_folder, find_case
 from rearticulate.bench.seen import seen_metrics
 from rearticulate.bench.variants import variant
-from rearticulate.evaluate.metrics import evaluate
-from rearticulate.evaluate.relaxed import evaluate_relaxed
+from rearticulate.evaluation.metrics import evaluate
+from rearticulate.evaluation.relaxed import evaluate_relaxed
 from rearticulate.io.atomic import atomic_file
 from rearticulate.pipeline import fit
 from rearticulate.records import FitResult, GroundTruth, PointSequence

@@ -74,7 +74,7 @@ def run_fit(source: str, out: Path, options: FitOptions, scale: float, max_point
 
 def run_demo(name: str | None, out: Path, as_json: bool) -> None:
     """The command `demo`: fit a bundled sequence, compare with ground truth, replace an earlier demo."""
-    from rearticulate.evaluate.metrics import canonical_labels, evaluate
+    from rearticulate.evaluation.metrics import canonical_labels, evaluate
     from rearticulate.io.truth import load_truth
     from rearticulate.synth import bundled
 

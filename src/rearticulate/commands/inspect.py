@@ -18,7 +18,7 @@ from rearticulate.report.summary import length, result_as_dict
 
 def run_eval(folder: Path, truth_file: Path, report: bool, as_json: bool) -> None:
     """The command `eval`."""
-    from rearticulate.evaluate.metrics import canonical_labels, evaluate
+    from rearticulate.evaluation.metrics import canonical_labels, evaluate
 
     result, truth, sequence = load_result(folder), load_truth(truth_file), load_sequence_of(folder)
     metrics = evaluate(result, truth, sequence)

@@ -9,7 +9,6 @@ from rearticulate.commands.fitting import FitOptions, write_result
 from rearticulate.commands.progress import StageProgress
 from rearticulate.commands.show import print_json, show_scans
 from rearticulate.errors import InputWarning
-from rearticulate.fit.frames import point_spacing
 from rearticulate.io.model import check_output, load_result, load_sequence_of
 from rearticulate.io.palette import part_colors
 from rearticulate.io.ply import write_cloud
@@ -17,6 +16,7 @@ from rearticulate.io.posture import named_values, save_posture
 from rearticulate.io.sequence import load_scans
 from rearticulate.pose.track import Tracked, followed, track
 from rearticulate.records import FitResult, PointSequence
+from rearticulate.solver.frames import point_spacing
 
 STRANGE = 3.0  # mean distance of a scan from the model, in point spacings of the recording, that no noise explains
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.fit.register import geman_mcclure
 from rearticulate.geometry.kinematics import joint_jacobian
 from rearticulate.geometry.se3 import exp_se3
+from rearticulate.solver.register import geman_mcclure
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]

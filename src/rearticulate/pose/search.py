@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from rearticulate.fit.register import match, normal_equations
 from rearticulate.geometry.kinematics import depth_first, forward_kinematics
 from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.se3 import exp_se3, rotate, transform
 from rearticulate.pose.descent import pair_weights, stepped
+from rearticulate.solver.register import match, normal_equations
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]

@@ -15,9 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.errors import InputError
-from rearticulate.fit.frames import Frames, make_frames
-from rearticulate.fit.guess import Guesses
-from rearticulate.fit.register import match, normal_equations
 from rearticulate.geometry.kinematics import forward_kinematics
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import from_unit, rotate, to_unit, transform
@@ -27,6 +24,9 @@ from rearticulate.pose.retarget import retarget
 from rearticulate.pose.search import Target, Tree, beam_search, sampled
 from rearticulate.pose.single import SingleValued, single_valued
 from rearticulate.records import FitResult, KinematicModel, Motion, PointSequence, Posture
+from rearticulate.solver.frames import Frames, make_frames
+from rearticulate.solver.guess import Guesses
+from rearticulate.solver.register import match, normal_equations
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
