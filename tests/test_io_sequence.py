@@ -196,6 +196,7 @@ def test_large_frames_are_thinned_the_same_way_each_time(tmp_path: Path) -> None
         np.testing.assert_array_equal(first.index[f], again.index[f])
         np.testing.assert_array_equal(first.points[f], points[f][first.index[f]])
         assert len(set(first.index[f].tolist())) == 300
+    assert first.source_points == (1000, 1000)
     assert (first.index[0] != first.index[1]).any()
 
 

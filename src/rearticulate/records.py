@@ -28,11 +28,13 @@ class PointSequence:
     points: one (N_f, 3) array a frame, metres. Frames may differ in size.
     index:  one (N_f,) array a frame: the row of each point in its source, after dropped and subsampled points.
     names:  what to call each frame in a message (a file name, or "frame 3").
+    source_points: how many points the source of each frame holds, before any were dropped; () where nobody counted.
     """
 
     points: tuple[Array, ...]
     index: tuple[IntArray, ...]
     names: tuple[str, ...]
+    source_points: tuple[int, ...] = ()
 
     @staticmethod
     def from_arrays(points: Any) -> PointSequence:

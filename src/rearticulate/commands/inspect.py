@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -75,19 +76,30 @@ def _info_of_sequence(sequence: PointSequence, as_json: bool) -> None:
     spacing = median_spacing(sequence)
     unit, advice = unit_guess(float(np.linalg.norm(extent)))
     if as_json:
-        facts = {"frames": len(sequence), "points": sizes, "size": extent, "spacing": spacing, "unit_guess": unit}
+        facts = {"frames": len(sequence), "points": sizes, "source_points": sequence.source_points}
+        facts |= {"size": extent, "spacing": spacing, "unit_guess": unit}
         print_json({"kind": "sequence", **facts})
         return
-    points = str(sizes[0]) if len(set(sizes)) == 1 else f"{min(sizes)} to {max(sizes)}"
     show_facts(
         {
             "frames": str(len(sequence)),
-            "points a frame": points,
+            "points a frame": points_a_frame(sequence),
             "size": " × ".join(length(float(x)) for x in extent) + ", if in metres",
             "spacing": f"{length(spacing)} to the nearest point (median)",
             "unit": f"{unit}{advice}",
         }
     )
+
+
+def points_a_frame(sequence: PointSequence) -> str:
+    """How many points were kept, and how many the source holds where these are more."""
+    kept = _range([len(points) for points in sequence.points])
+    held = _range(sequence.source_points) if sequence.source_points else kept
+    return kept if kept == held else f"{kept}, of {held} in the source"
+
+
+def _range(counts: Sequence[int]) -> str:
+    return str(counts[0]) if len(set(counts)) == 1 else f"{min(counts)} to {max(counts)}"
 
 
 def median_spacing(sequence: PointSequence) -> float:

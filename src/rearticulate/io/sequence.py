@@ -90,7 +90,7 @@ def _read(
 ) -> PointSequence:
     """All frames, cleaned. single: the file is one frame."""
     _check_options(scale, max_points, mesh_samples)
-    points, index, names = [], [], []
+    points, index, names, counts = [], [], [], []
     drops: dict[str, list[tuple[str, int]]] = {"broken": [], "double": [], "thinned": []}
     with _system_errors(path):
         for f, (name, raw) in enumerate(_frames([file] if single else file, mesh_samples, seed)):
@@ -98,10 +98,11 @@ def _read(
             points.append(kept * scale)
             index.append(row)
             names.append(name)
+            counts.append(len(raw))
             for kind, count in dropped.items():
                 drops[kind] += [(name, count)] if count else []
     _warn(path, drops, max_points)
-    return PointSequence(tuple(points), tuple(index), tuple(names))
+    return PointSequence(tuple(points), tuple(index), tuple(names), tuple(counts))
 
 
 def save_sequence(path: str | os.PathLike[str], sequence: PointSequence) -> None:
