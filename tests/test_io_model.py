@@ -42,7 +42,7 @@ def some_result(seed: int = 0, n_parts: int = 4, sizes: tuple[int, ...] = (30, 2
         labels=rng.integers(0, P, 40),
     )
     diagnostics = JointDiagnostics(*rng.random(4).tolist(), "prismatic", np.inf, True)
-    unknown = JointDiagnostics(np.nan, 0.0, np.inf, np.inf, "", 0.0, False, "did not move")
+    unknown = JointDiagnostics(None, 0.0, np.inf, None, "", None, False, "did not move")
     return FitResult(
         model=model,
         motion=Motion(rng.normal(size=(F, P)), rng.normal(size=(F, 4, 4))),

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from rearticulate.io.palette import part_hex
-from rearticulate.records import FitResult, Metric, PointSequence
+from rearticulate.records import FitResult, JointDiagnostics, Metric, PointSequence
 from rearticulate.render.camera import View
 from rearticulate.render.stills import write_pictures
 from rearticulate.report.advice import advice
+from rearticulate.report.confidence import confidence
 from rearticulate.report.html import Score, write_report
 from rearticulate.report.scene import animation, named_axes, true_parts
 from rearticulate.report.summary import joint_rows, jsonable, length, result_as_dict
@@ -184,20 +185,54 @@ def test_projection_is_a_rotation_with_z_up() -> None:
 def test_joint_rows_have_units_and_say_what_is_not_known() -> None:
     arm, tip = joint_rows(toy()[0])
     assert (arm.range, arm.residual, arm.uncertainty) == ("-11.5 … 22.9°", "0.4 mm", "±0.11° ±0.3 mm")
-    assert arm.note == "prismatic +1.23e+03 χ²"
-    assert (tip.kind, tip.range, tip.note) == ("prismatic", "-3.00 … 6.00 cm", "not determined: moves within the noise")
+    assert arm.note == "revolute, sure (prismatic fits worse by 1,234 χ²)"
+    assert (tip.kind, tip.range, tip.uncertainty) == ("prismatic", "-3.00 … 6.00 cm", "±∞")
+    assert tip.note == "not determined: moves within the noise"
+
+
+@pytest.mark.parametrize(
+    ("margin", "words"),
+    [
+        (375.4, "prismatic, sure (revolute fits worse by 375 χ²)"),
+        (3.0, "prismatic or revolute: the data hardly tell"),
+        (-0.5, "prismatic or revolute: the data hardly tell"),
+        (None, "prismatic, revolute not tried"),
+    ],
+)
+def test_the_type_is_told_and_how_sure_it_is(margin: float | None, words: str) -> None:
+    joint = JointDiagnostics(None, 0.1, 0.01, None, "revolute", margin, True)
+    assert confidence("prismatic", joint) == words
+
+
+def test_what_was_not_measured_is_said_so_and_starts_no_alarm() -> None:
+    result, sequence = toy()
+    unknown = JointDiagnostics(None, 1.6, None, None, "prismatic", None, True)  # a door without points of its own
+    result = replace(result, joints=(result.joints[0], unknown, result.joints[1]))
+    row = joint_rows(result)[0]
+    assert (row.residual, row.uncertainty) == ("–", "–")
+    assert "hardly tell" not in row.note and advised(result, sequence) == {}
+    assert json.loads(json.dumps(jsonable(result_as_dict(result))))["joints"][0]["runner_up_margin"] is None
 
 
 @pytest.mark.parametrize(
     ("metres", "text"),
-    [(0.0, "0 mm"), (1e-12, "0 mm"), (0.00123, "1.23 mm"), (0.5, "50 cm"), (2.5, "2.5 m"), (float("nan"), "–")],
+    [
+        (0.0, "0 mm"),
+        (1e-12, "0 mm"),
+        (0.00123, "1.23 mm"),
+        (0.5, "50 cm"),
+        (2.5, "2.5 m"),
+        (None, "–"),
+        (float("inf"), "∞"),
+    ],
 )
-def test_lengths(metres: float, text: str) -> None:
+def test_lengths(metres: float | None, text: str) -> None:
     assert length(metres) == text
 
 
 def test_a_result_is_strict_json() -> None:
     text = json.dumps(jsonable(result_as_dict(toy()[0])), allow_nan=False)
     joints = json.loads(text)["joints"]
-    assert joints[1]["origin_std"] is None
+    assert joints[1]["origin_std"] is None and joints[1]["axis_std"] == "inf"
+    assert joints[1]["confidence"] == "not determined: moves within the noise"
     assert [j["part"] for j in joints] == ["arm", "tip"]

@@ -41,7 +41,7 @@ def toy(points: int = 120, names: tuple[str, ...] = ("base", "arm", "tip")) -> t
     )
     motion = Motion(q, np.broadcast_to(np.eye(4), (FRAMES, 4, 4)).copy())
     sure = JointDiagnostics(0.0004, 0.6, 0.002, 0.0003, "prismatic", 1234.5, True)
-    lost = JointDiagnostics(0.0004, 0.09, 0.002, float("inf"), "", float("nan"), False, "moves within the noise")
+    lost = JointDiagnostics(0.0004, 0.09, float("inf"), None, "revolute", None, False, "moves within the noise")
     result = FitResult(
         model=model,
         motion=motion,

@@ -198,7 +198,7 @@ class RelaxedModel:
 
 @dataclass(frozen=True)
 class JointDiagnostics:
-    """How well one joint is known.
+    """How well one joint is known. None: not measured, or without meaning (where a slide is); infinity: unbounded.
 
     residual:        root mean square point error of the joint's two parts, m.
     observed_range:  max q - min q, rad or m.
@@ -207,12 +207,12 @@ class JointDiagnostics:
     determined:      False when the data do not fix this joint; note says why.
     """
 
-    residual: float
+    residual: float | None
     observed_range: float
-    axis_std: float
-    origin_std: float
+    axis_std: float | None
+    origin_std: float | None
     runner_up: str
-    runner_up_margin: float
+    runner_up_margin: float | None
     determined: bool
     note: str = ""
 
@@ -251,9 +251,9 @@ class FitResult:
 
 @dataclass(frozen=True)
 class Metric:
-    """One reported number."""
+    """One reported number. better: empty for a number that is neither good nor bad."""
 
     key: str
     value: float
     unit: str
-    better: Literal["lower", "higher"]
+    better: Literal["lower", "higher", ""]

@@ -28,8 +28,8 @@ def evaluate(result: FitResult, truth: GroundTruth, sequence: PointSequence) -> 
         *_segmentation_metrics(result, true_labels),
         Metric("tree_edit_distance", tree_edit_distance(result.model.parent, truth.parent), "edits", "lower"),
         *_reanimation_metrics(result, truth, labels, sequence.index[result.model.canonical]),
-        Metric("parts", result.model.n_parts, "parts", "lower"),
-        Metric("parts_true", len(truth.parent), "parts", "lower"),
+        Metric("parts", result.model.n_parts, "parts", ""),
+        Metric("parts_true", len(truth.parent), "parts", ""),
         *_joint_metrics(result, truth, true_labels),
     ]
 

@@ -13,7 +13,7 @@ model.json     what a person may want to read:
     energy, energies   of the result and of each canonical frame that was tried
     stages         name and seconds of each stage
     seed, config   what to repeat the fit with
-    Not-a-number and infinities are the strings "nan", "inf" and "-inf".
+    Not-a-number and infinities are the strings "nan", "inf" and "-inf"; what was not measured is null.
 config.json    the resolved configuration once more, on its own
 arrays.npz     points (N, 3) float64 and labels (N,) int64: canonical cloud and its parts; q (F, D);
                T_world_root (F, 4, 4); residual (F,); frame_labels (sum N_f,): the part of each point of the input,
@@ -59,7 +59,7 @@ from rearticulate.records import (
 
 FORMAT = 1
 _UNITS = {"revolute": "rad", "prismatic": "m"}
-_NUMBERS = ("residual", "observed_range", "axis_std", "origin_std", "runner_up_margin")
+_MEASURED = ("residual", "axis_std", "origin_std", "runner_up_margin")  # null where not measured
 PathLike = str | os.PathLike[str]
 
 
@@ -293,8 +293,8 @@ def _numbers(parts: list[dict[str, Any]], key: str, width: int) -> np.ndarray:
 
 
 def _diagnostics(record: dict[str, Any]) -> JointDiagnostics:
-    values: dict[str, Any] = {**record, **{key: float(record[key]) for key in _NUMBERS}}
-    return JointDiagnostics(**values)
+    measured = {key: None if record[key] is None else float(record[key]) for key in _MEASURED}
+    return JointDiagnostics(**{**record, **measured, "observed_range": float(record["observed_range"])})
 
 
 def _split(flat: np.ndarray, offsets: IntArray) -> tuple[np.ndarray, ...]:

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from rearticulate.records import FitResult, JointDiagnostics, PointSequence
+from rearticulate.report.confidence import close_call, confidence
 from rearticulate.report.summary import counted, length
 from rearticulate.report.support import Support
 
 LITTLE_TURN, LITTLE_SLIDE = math.radians(10), 0.02  # rad; share of the object's size
-CLOSE = 10.0  # extra chi-square of the other joint type below which the type is a close call
 UNSURE = math.radians(3)  # standard deviation of an axis
 FEW = 40  # points of a part in a frame
 HALF = 0.5  # of a part must be seen for the frame to count
@@ -50,9 +50,9 @@ def _of_joint(result: FitResult, j: int) -> list[Advice]:
     further = f"move {name} further than the {moved} seen, in steps as small as now"
     if not joint.determined:
         return [Advice(f"joint of {name}", joint.note, _remedy(joint, further, name))]
-    if joint.runner_up and joint.runner_up_margin < CLOSE:
-        return [Advice(f"joint of {name}", f"{kind} or {joint.runner_up}: the data hardly tell", further)]
-    if joint.axis_std > UNSURE:
+    if close_call(joint):
+        return [Advice(f"joint of {name}", confidence(kind, joint), further)]
+    if joint.axis_std is not None and joint.axis_std > UNSURE:
         return [Advice(f"joint of {name}", f"its axis is known to ±{math.degrees(joint.axis_std):.1f}° only", further)]
     if little:
         return [Advice(f"joint of {name}", f"it moved by {moved} only, so its limits say little", further)]

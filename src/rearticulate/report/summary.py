@@ -8,7 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from rearticulate.records import FitResult, KinematicModel, PointSequence
+from rearticulate.records import FitResult, JointDiagnostics, KinematicModel, PointSequence
+from rearticulate.report.confidence import confidence
+
+NOT_MEASURED = "–"
 
 
 @dataclass(frozen=True)
@@ -42,8 +45,8 @@ def _joint_row(result: FitResult, j: int) -> JointRow:
         origin=_vector(model.origin[j], 3),
         range=joint_range(model, j),
         residual=length(joint.residual),
-        uncertainty=_uncertainty(result, j) if moves else "",
-        note=joint_note(result, j),
+        uncertainty=_uncertainty(joint) if moves else "",
+        note=confidence(model.joint_type[j], joint),
     )
 
 
@@ -69,29 +72,24 @@ def _rounded(x: float, digits: int) -> str:
     return f"{round(x, digits) + 0.0:.{digits}f}"
 
 
-def joint_note(result: FitResult, j: int) -> str:
-    """Why the joint is not determined, or how far behind the other joint type is."""
-    joint = result.joints[j]
-    if not joint.determined:
-        return f"not determined: {joint.note}" if joint.note else "not determined"
-    runner_up = (
-        f"{joint.runner_up} +{joint.runner_up_margin:.3g} χ²" if joint.runner_up and joint.runner_up_margin > 0 else ""
-    )
-    return "; ".join(filter(None, [joint.note, runner_up]))
+def _uncertainty(joint: JointDiagnostics) -> str:
+    """Of the axis direction and of its position, as far as they were measured."""
+    known = [] if joint.axis_std is None else [angle(joint.axis_std)]
+    known += [] if joint.origin_std is None else [length(joint.origin_std)]
+    return " ".join(f"±{text}" for text in known) or NOT_MEASURED
 
 
-def _uncertainty(result: FitResult, j: int) -> str:
-    joint = result.joints[j]
-    if result.model.joint_type[j] == "spherical":
-        return f"±{length(joint.origin_std)}"
-    direction = f"±{math.degrees(joint.axis_std):.2g}°"
-    return direction if result.model.joint_type[j] == "prismatic" else f"{direction} ±{length(joint.origin_std)}"
+def angle(radians: float) -> str:
+    """An angle in degrees, to two digits."""
+    return f"{math.degrees(radians):.2g}°" if math.isfinite(radians) else "∞"
 
 
-def length(metres: float) -> str:
+def length(metres: float | None) -> str:
     """A length in the unit that reads best."""
-    if not math.isfinite(metres):
-        return "–"
+    if metres is None or math.isnan(metres):
+        return NOT_MEASURED
+    if math.isinf(metres):
+        return "∞"
     if abs(metres) < 1e-6:
         return "0 mm"
     for unit, scale in (("mm", 1000.0), ("cm", 100.0)):
@@ -164,7 +162,8 @@ def result_as_dict(result: FitResult) -> dict[str, Any]:
     """A whole result as plain numbers, without its arrays."""
     out = model_as_dict(result.model)
     for entry, joint in zip(out["joints"], result.joints[1:], strict=True):
-        entry.update(vars(joint))
+        entry |= {key: "inf" if value == math.inf else value for key, value in vars(joint).items()}
+        entry["confidence"] = confidence(entry["type"], joint)
     out["energy"] = result.energy
     out["energies"] = {str(k): v for k, v in result.energies.items()}
     out["residual"] = np.asarray(result.residual).tolist()

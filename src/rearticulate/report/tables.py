@@ -40,7 +40,8 @@ def joint_table(result: FitResult) -> str:
 
 def metric_table(metrics: Sequence[Metric]) -> str:
     """Every metric with its unit and direction."""
-    rows = [(escape(m.key), f"{m.value:.4g}", escape(m.unit), "↓" if m.better == "lower" else "↑") for m in metrics]
+    arrows = {"lower": "↓", "higher": "↑", "": ""}
+    rows = [(escape(m.key), f"{m.value:.4g}", escape(m.unit), arrows[m.better]) for m in metrics]
     return table(["metric", "value", "unit", "better"], rows)
 
 

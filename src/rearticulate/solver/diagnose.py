@@ -20,6 +20,7 @@ IntArray = NDArray[np.integer]
 MIN_TURN = 3.0  # a range below this many standard deviations of q is within the noise
 MIN_VISIBLE = 0.01  # share of the motion across the surface below which a joint cannot be seen
 MAX_AXIS_STD = np.deg2rad(15.0)
+NO_JOINT = JointDiagnostics(None, 0.0, None, None, "", None, True)  # of the root
 
 
 def joint_origins(tree: Articulated, evidence: Evidence) -> Array:
@@ -76,15 +77,14 @@ def diagnose(
     evidence = gather_evidence(frames, canonical, free, config)
     origins = joint_origins(tree, evidence)
     P = tree.n_parts
-    empty = JointDiagnostics(0.0, 0.0, 0.0, 0.0, "", 0.0, True)
     if P == 1:
-        return [empty], origins
+        return [NO_JOINT], origins
     axis_std, origin_std, q_std = parameter_deviation(tree, evidence, origins)
     counts = np.bincount(labels, minlength=P)
-    out = [empty]
+    out = [NO_JOINT]
     for j in range(1, P):
         parent = int(tree.parent[j])
-        residual, margin = _support(evidence, j, parent, config) if counts[j] and counts[parent] else (0.0, 0.0)
+        residual, margin = _support(evidence, j, parent, config) if counts[j] and counts[parent] else (None, None)
         seen = visibility(tree, evidence.fused, j)
         out.append(_record(frames.unit, tree, j, counts, residual, margin, seen, axis_std, origin_std, q_std))
     return out, origins
@@ -127,10 +127,10 @@ def _record(unit, tree, j, counts, residual, margin, seen, axis_std, origin_std,
     if axis_std[j] > MAX_AXIS_STD:
         notes.append("the axis direction is not fixed by the data")
     return JointDiagnostics(
-        residual=residual * unit,
+        residual=None if residual is None else residual * unit,
         observed_range=span if turning else span * unit,
         axis_std=float(axis_std[j]),
-        origin_std=float(origin_std[j]) * unit,
+        origin_std=float(origin_std[j]) * unit if turning else None,
         runner_up="prismatic" if turning else "revolute",
         runner_up_margin=margin,
         determined=not notes[1 if counts[j] == 0 else 0 :],

@@ -97,14 +97,14 @@ def diagnose_balls(frames: Frames, canonical: int, tree: BallTree, labels: IntAr
     free = register_to_fused(frames, canonical, Relaxed(tree.forward(), labels))
     parts = centred(frames, canonical, free, 1.0)
     counts = np.bincount(parts.labels, minlength=tree.n_parts)
-    out = [JointDiagnostics(0.0, 0.0, 0.0, 0.0, "", 0.0, True)]
+    out = [JointDiagnostics(None, 0.0, None, None, "", None, True)]
     angle = np.linalg.norm(tree.turn, axis=-1).max(axis=0)
     for j in range(1, tree.n_parts):
-        shown = bool(counts[j])
-        ball = fit_balls(parts, np.array([j]), tree.parent[j : j + 1]) if shown else None
-        slip = 0.0 if ball is None else float(np.sqrt(ball.cost[0] / max(1, len(tree.turn) - 1)))
-        spread = 0.0 if ball is None else slip * float(np.sqrt(np.trace(np.linalg.inv(ball.normal[0]))))
-        note = "" if shown else "no points of its own"
-        lengths = slip * frames.unit, float(angle[j]), 0.0, spread * frames.unit
-        out.append(JointDiagnostics(*lengths, "", 0.0, shown, note))
+        if not counts[j]:
+            out.append(JointDiagnostics(None, float(angle[j]), None, None, "", None, False, "no points of its own"))
+            continue
+        ball = fit_balls(parts, np.array([j]), tree.parent[j : j + 1])
+        slip = frames.unit * float(np.sqrt(ball.cost[0] / max(1, len(tree.turn) - 1)))
+        spread = slip * float(np.sqrt(np.trace(np.linalg.inv(ball.normal[0]))))
+        out.append(JointDiagnostics(slip, float(angle[j]), None, spread, "", None, True))
     return out

@@ -18,7 +18,8 @@ from rearticulate.io.palette import part_colors
 from rearticulate.pose.blend import between_frames
 from rearticulate.records import Posture
 from rearticulate.render.panels import novel_posture
-from rearticulate.report.summary import headline, joint_note, joint_range
+from rearticulate.report.confidence import confidence
+from rearticulate.report.summary import headline, joint_range
 from rearticulate.report.tables import tree
 from rearticulate.view.actor import Actor
 from rearticulate.view.hand import Hand
@@ -253,7 +254,7 @@ def describe_part(actor: Actor, part: int) -> str:
     lines = [f"**{model.names[part]}** (`{color}`), {count} points"]
     if part > 0:
         lines.append(f"{model.joint_type[part]} on {model.names[model.parent[part]]}, {joint_range(model, part)}")
-        lines.append(joint_note(actor.result, part))
+        lines.append(confidence(model.joint_type[part], actor.result.joints[part]))
     return "  \n".join(filter(None, lines))
 
 
