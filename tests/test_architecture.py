@@ -13,7 +13,7 @@ import rearticulate
 
 ROOT = Path(rearticulate.__file__).parent
 LAYERS = [
-    {"errors", "extras", "parallel"},
+    {"errors", "extras", "machine", "parallel"},
     {"geometry"},
     {"records"},
     {"config"},

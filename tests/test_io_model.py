@@ -54,6 +54,8 @@ def some_result(seed: int = 0, n_parts: int = 4, sizes: tuple[int, ...] = (30, 2
         stages=(StageTime("track", 0.25), StageTime("refine", 1e-9)),
         config={"track": {"radius": 0.1, "names": ["a", "b"], "on": True, "none": None}},
         seed=seed,
+        notes=("stopped at 40 parts", "too few frames"),
+        machine="a CPU, a kernel",
     )
 
 

@@ -28,6 +28,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     result, sequence = toy(names=("base", "</script> & arm", "tip"))
     metrics = [Metric("recon_cm", 0.07, "cm", "lower")]
     score = Score(metrics, toy_truth().labels[result.model.canonical])
+    result = replace(result, notes=("stopped at <3> parts",))
     path = write_report(tmp_path_factory.mktemp("run"), result, sequence, score, title="a <toy>")
     assert path.name == "report.html"
     return path.read_text(encoding="utf-8")
@@ -44,6 +45,7 @@ def test_the_page_tells_everything_and_escapes_names(page: str) -> None:
     for text in ("a &lt;toy&gt;", "base", "&lt;/script&gt; &amp; arm", "tip", "recon_cm", "moves within the noise"):
         assert text in body
     assert "1 revolute, 1 prismatic" in body
+    assert "stopped at &lt;3&gt; parts" in body
     assert "$" not in body
     assert page.count("</script>") == 3
 
@@ -236,3 +238,8 @@ def test_a_result_is_strict_json() -> None:
     assert joints[1]["origin_std"] is None and joints[1]["axis_std"] == "inf"
     assert joints[1]["confidence"] == "not determined: moves within the noise"
     assert [j["part"] for j in joints] == ["arm", "tip"]
+
+
+def test_notes_and_the_machine_are_told() -> None:
+    told = result_as_dict(replace(toy()[0], notes=("a note",), machine="a CPU"))
+    assert told["notes"] == ["a note"] and told["machine"] == "a CPU"

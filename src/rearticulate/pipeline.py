@@ -64,7 +64,7 @@ def fit(
 
     canonical: the rest frame; None tries a few and keeps the lowest energy. progress(stage, fraction done of it).
     store: where stage records are kept so that a stopped fit can go on. Raises InputError on a sequence that cannot
-    be fitted. The same seed gives the same bits on a CPU.
+    be fitted. The same seed gives the same bits on one type of CPU (`FitResult.machine`).
     """
     config = config or FitConfig()
     check_sequence(sequence)

@@ -234,6 +234,8 @@ class FitResult:
     energy:   label-free energy of the result, in point spacings; energies: of every canonical frame that was tried.
     residual: (F,) mean distance of each frame's points to the model, m.
     relaxed:  the parts before they were joined; not kept in files.
+    notes:    what a reader must know before the numbers, a sentence each.
+    machine:  CPU and linear algebra kernel that it was made on: the same seed gives the same bits on one such pair.
     """
 
     model: KinematicModel
@@ -247,6 +249,8 @@ class FitResult:
     config: dict[str, Any] = field(default_factory=dict)
     seed: int = 0
     relaxed: RelaxedModel | None = None
+    notes: tuple[str, ...] = ()
+    machine: str = ""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from scipy.spatial import KDTree
 
 from rearticulate.config import FitConfig
 from rearticulate.geometry.se3 import from_unit
+from rearticulate.machine import machine
 from rearticulate.records import (
     FitResult,
     JointDiagnostics,
@@ -76,6 +77,7 @@ def to_result(
         config=asdict(config),
         seed=seed,
         relaxed=relaxed_model(sequence, chosen, frames, best),
+        machine=machine(),
     )
 
 

@@ -34,12 +34,16 @@ def show_result(result: FitResult, sequence: PointSequence | None = None) -> Non
     """Parts, tree, joints, energy and times on one screen."""
     console = stdout()
     console.print(" · ".join(headline(result, sequence)), style="bold")
+    for note in result.notes:
+        console.print(f"[yellow]note[/]    {escape(note)}")
     console.print(part_tree(result.model))
     if result.model.n_parts > 1:
         console.print(joint_table(result))
     energies = ", ".join(f"frame {f} {e:.4g}" for f, e in sorted(result.energies.items()))
     console.print(f"[dim]energy[/]  {result.energy:.4g}" + (f"  (tried: {energies})" if energies else ""))
     console.print("[dim]time[/]    " + ", ".join(f"{escape(s.name)} {s.seconds:.1f} s" for s in result.stages))
+    if result.machine:
+        console.print(f"[dim]made on[/] {escape(result.machine)}")
 
 
 def part_tree(model: KinematicModel) -> Tree:

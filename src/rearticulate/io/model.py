@@ -13,6 +13,8 @@ model.json     what a person may want to read:
     energy, energies   of the result and of each canonical frame that was tried
     stages         name and seconds of each stage
     seed, config   what to repeat the fit with
+    notes          what a reader must know before the numbers, a sentence each
+    machine        CPU and linear algebra kernel that it was made on
     Not-a-number and infinities are the strings "nan", "inf" and "-inf"; what was not measured is null.
 config.json    the resolved configuration once more, on its own
 arrays.npz     points (N, 3) float64 and labels (N,) int64: canonical cloud and its parts; q (F, D);
@@ -132,6 +134,8 @@ def load_result(folder: PathLike) -> FitResult:
             stages=tuple(StageTime(str(s["name"]), float(s["seconds"])) for s in record["stages"]),
             config=record["config"],
             seed=int(record["seed"]),
+            notes=tuple(str(note) for note in record.get("notes", ())),
+            machine=str(record.get("machine", "")),
         )
 
 
@@ -180,6 +184,8 @@ def _describe(result: FitResult) -> dict[str, Any]:
         "stages": [asdict(stage) for stage in result.stages],
         "seed": result.seed,
         "config": result.config,
+        "notes": list(result.notes),
+        "machine": result.machine,
     }
     return _plain(record)
 

@@ -49,6 +49,7 @@ def _page(result: FitResult, sequence: PointSequence, score: Score | None, title
     return Template(template).substitute(
         title=escape(title),
         facts="".join(f"<li>{escape(fact)}</li>" for fact in headline(result, sequence)),
+        notes="".join(f'<p class="warn">{escape(note)}</p>' for note in result.notes),
         score=_score(score) if score else "",
         tree=tables.tree(result.model),
         joints=tables.joint_table(result),

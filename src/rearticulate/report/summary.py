@@ -169,6 +169,8 @@ def result_as_dict(result: FitResult) -> dict[str, Any]:
     out["residual"] = np.asarray(result.residual).tolist()
     out["seconds"] = {s.name: s.seconds for s in result.stages}
     out["seed"] = result.seed
+    out["notes"] = list(result.notes)
+    out["machine"] = result.machine
     return out
 
 

@@ -67,8 +67,8 @@ def tree(model: KinematicModel) -> str:
 
 
 def configuration(result: FitResult) -> str:
-    """The resolved configuration and the seed."""
-    text = json.dumps(jsonable({"seed": result.seed, **result.config}), indent=2)
+    """The resolved configuration, the seed and the machine."""
+    text = json.dumps(jsonable({"machine": result.machine, "seed": result.seed, **result.config}), indent=2)
     return f"<details><summary>Configuration</summary><pre>{escape(text)}</pre></details>"
 
 
