@@ -42,7 +42,8 @@ class ClusterConfig:
     """Over-segmentation of the tracked patches (`solver.cluster`)."""
 
     sigma: float = 0.75
-    penalty: float = 5.0  # growth of the rigid-fit error, in sigma^2 a frame, that stops the merging
+    penalty: float = 5.0  # growth of the rigid-fit error, in sigma^2 a frame, that stops the merging ...
+    max_parts: int = 80  # ... once there are no more parts than this
 
 
 @dataclass(frozen=True)
@@ -132,6 +133,8 @@ class ProjectConfig:
     link_near: float = 4.0  # a hidden link starts with the points of the part that hangs on it within this reach
     link_far: float = 12.0  # ... or within this one
     link_share: float = 0.4  # ... but with at most this share of them
+    max_hidden: int = 20  # hidden links in all
+    weld_rounds: int = 10  # each of which tries all joints that are left
     weld: float = 1.0  # a joint that the others make up for to this misfit is put to the test of the energy
     small_part: float = 0.04  # share of the points below which a part may become a link of a chain
     off_root: float = 0.7  # what a joint between two moving parts costs more: it must explain more than one on the root
@@ -220,6 +223,7 @@ class FitConfig:
     canonical_tries: int = 4  # frames from which the model is fitted, at most; the lowest energy wins
     canonical_work: int = 82_000  # ... and two at least, but no more than make this many points to register in all
     canonical_share: float = 0.9  # frames with less than this share of the most points a frame has come last
+    max_parts: int = 40  # rigid parts that are worked with; where more are found, the smallest are dissolved
     track: TrackConfig = field(default_factory=TrackConfig)
     cluster: ClusterConfig = field(default_factory=ClusterConfig)
     trial: TrialConfig = field(default_factory=TrialConfig)

@@ -97,7 +97,18 @@ def fit(
     result = to_result(sequence, chosen, frames, best, config, seed, energies)
     clock("finish", 1.0)
     stages = tuple(StageTime(name, seconds) for name, seconds in clock.seconds.items())
-    return dataclasses.replace(result, stages=stages)
+    return dataclasses.replace(result, stages=stages, notes=notes(best.relaxed, config))
+
+
+def notes(relaxed: Relaxed, config: FitConfig) -> tuple[str, ...]:
+    """What a reader must know before the numbers."""
+    if relaxed.found <= config.max_parts:
+        return ()
+    return (
+        f"stopped at {config.max_parts} of {relaxed.found} rigid parts: this does not look like one object of jointed "
+        "rigid parts (does something bend or flow, are the frames of one object, is their order right?); do not trust "
+        "its joints",
+    )
 
 
 def canonical_frames(counts: IntArray, canonical: int | None, config: FitConfig) -> list[int]:
@@ -165,7 +176,7 @@ class Solver:
     def relaxed(self, canonical: int) -> Relaxed:
         saved = self.store.load(f"relaxed-{canonical}", self.mark)
         if saved is not None:
-            return Relaxed(saved["T"], saved["labels"])
+            return Relaxed(saved["T"], saved["labels"], int(saved["found"]))
         rng = np.random.default_rng([self.seed, canonical, 0])
         neural, model = self.config.relax == "neural", None
         if not neural or self.config.neural.start == "direct":
@@ -174,7 +185,7 @@ class Solver:
             from rearticulate.solver.neural.relax import relax_neural
 
             model = relax_neural(self.frames, canonical, self.flow, self.config.neural, rng, self.clock, model)
-        self.store.save(f"relaxed-{canonical}", self.mark, {"T": model.T, "labels": model.labels})
+        self.store.save(f"relaxed-{canonical}", self.mark, vars(model))
         return model
 
     def articulated(self, canonical: int, relaxed: Relaxed) -> Candidate:

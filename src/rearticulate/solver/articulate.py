@@ -15,8 +15,9 @@ from rearticulate.solver.energy import energy, point_misfit
 from rearticulate.solver.frames import Frames
 from rearticulate.solver.joint_repair import repair_joints
 from rearticulate.solver.labels import Labeller
+from rearticulate.solver.progress import Told, steps, untold
 from rearticulate.solver.project import merge_resting, project
-from rearticulate.solver.relaxed import Relaxed, drop_small, register_to_fused, surface_noise
+from rearticulate.solver.relaxed import Relaxed, drop_small, largest_parts, register_to_fused, surface_noise
 from rearticulate.solver.repair import repair_poses
 from rearticulate.solver.seams import cut_seams
 from rearticulate.solver.simplify import simplify
@@ -42,21 +43,23 @@ def articulate(
     progress: Callable[[str, float], None],
 ) -> tuple[Articulated, IntArray]:
     """Tree, bundle adjustment, labels and repairs in turn; then a new look at the structure, as long as that finds
-    another one and lowers the energy. The look with the lowest energy is kept.
+    another one and lowers the energy. The look with the lowest energy is kept. Where more parts were found than can be
+    worked with, the first look is the last: there is no structure to be found.
 
     Returns the model and the labels (M,) of all points.
     """
     labeller = labeller.with_noise(surface_noise(frames, canonical, relaxed.T, relaxed.labels))
+    first, *looks, last = steps(lambda done: progress("articulate", done), LOOKS + 2)
     model = merge_resting(frames, canonical, relaxed, config.project)
-    start = project(frames, canonical, model, config.project, rng)
+    start = project(frames, canonical, model, config.project, rng, first)
     best, lowest = None, np.inf
-    for look in range(LOOKS):
-        progress("articulate", look / LOOKS)
+    for look in looks if relaxed.found <= config.max_parts else looks[:1]:
+        structure, motion = steps(look, 2)
         if best is not None:
-            start = restructure(frames, canonical, best.tree, best.labels, relaxed, config, rng)
+            start = restructure(frames, canonical, best.tree, best.labels, relaxed, config, rng, structure)
             if same_structure(start, best):
                 break
-        new, value = adjust(frames, canonical, start, labeller, config, rng)
+        new, value = adjust(frames, canonical, start, labeller, config, rng, motion)
         gain = lowest - value
         if gain > 0:
             best, lowest = new, value
@@ -64,11 +67,12 @@ def articulate(
             break
     assert best is not None
     tree = best.tree
-    parts, belief = labeller.fine(Relaxed(tree.forward(), best.labels), None)
-    parts, _ = labeller.fine(parts, belief)
+    step = steps(last, 3)
+    parts, belief = labeller.fine(Relaxed(tree.forward(), best.labels), None, next(step))
+    parts, _ = labeller.fine(parts, belief, next(step))
     labels = cut_seams(frames, tree, parts.labels, labeller.config, config.seam)
     fine = last_sigma(surface_noise(frames, canonical, tree.forward(), labels))
-    tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA, fine, fine), thorough=True)
+    tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA, fine, fine), True, told=next(step))
     progress("articulate", 1.0)
     return tree, labels
 
@@ -106,18 +110,19 @@ def adjust(
     labeller: Labeller,
     config: FitConfig,
     rng: np.random.Generator,
+    told: Told = untold,
 ) -> tuple[Look, float]:
     """Motions and labels in turn under a given structure, from the better of its starts; frames that were lost are
     repaired in joint space, and joints that nothing needs go. Returns the look and its energy."""
-    looks = []
+    looks, step = [], steps(told, 2 * len(start.starts) + 4)
     for labels in start.starts:
-        tree = bundle_adjust(frames, canonical, start.tree, labels, (SIGMA_WIDE, SIGMA))
-        looks.append(alternate(frames, canonical, Look(tree, labels), labeller, config, FIRST_ROUNDS))
+        tree = bundle_adjust(frames, canonical, start.tree, labels, (SIGMA_WIDE, SIGMA), told=next(step))
+        looks.append(alternate(frames, canonical, Look(tree, labels), labeller, config, FIRST_ROUNDS, next(step)))
     look = looks[0] if len(looks) == 1 else best_of_both(frames, looks, start.hidden)
-    look = alternate(frames, canonical, look, labeller, config, MORE_ROUNDS)
-    tree, _ = repair_joints(frames, canonical, look.tree, look.labels, config.repair, rng)
-    tree = bundle_adjust(frames, canonical, tree, look.labels, (SIGMA,))
-    tree, labels, value = simplify(frames, canonical, tree, look.labels, config.project)
+    look = alternate(frames, canonical, look, labeller, config, MORE_ROUNDS, next(step))
+    tree, _ = repair_joints(frames, canonical, look.tree, look.labels, config.repair, rng, next(step))
+    tree = bundle_adjust(frames, canonical, tree, look.labels, (SIGMA,), told=next(step))
+    tree, labels, value = simplify(frames, canonical, tree, look.labels, config.project, next(step))
     return Look(tree, labels), value
 
 
@@ -139,13 +144,22 @@ def best_of_both(frames: Frames, looks: list[Look], hidden: IntArray) -> Look:
     return Look(replace(best.tree, twist=twist, q=q), labels)
 
 
-def alternate(frames: Frames, canonical: int, look: Look, labeller: Labeller, config: FitConfig, rounds: int) -> Look:
+def alternate(
+    frames: Frames,
+    canonical: int,
+    look: Look,
+    labeller: Labeller,
+    config: FitConfig,
+    rounds: int,
+    told: Told = untold,
+) -> Look:
     """Labels and motions in turn, until few labels change."""
-    for _ in range(rounds):
-        parts, belief = labeller.fine(Relaxed(look.tree.forward(), look.labels), look.belief)
+    for each_round in steps(told, rounds):
+        label, adjustment = steps(each_round, 2)
+        parts, belief = labeller.fine(Relaxed(look.tree.forward(), look.labels), look.belief, label)
         changed = np.mean(parts.labels != look.labels)
         labels = cut_seams(frames, look.tree, parts.labels, labeller.config, config.seam, only_empty=True)
-        look = Look(bundle_adjust(frames, canonical, look.tree, labels, (SIGMA,)), labels, belief)
+        look = Look(bundle_adjust(frames, canonical, look.tree, labels, (SIGMA,), told=adjustment), labels, belief)
         if changed < SETTLED:
             break
     return look
@@ -159,15 +173,18 @@ def restructure(
     relaxed: Relaxed,
     config: FitConfig,
     rng: np.random.Generator,
+    told: Told = untold,
 ) -> Projection:
     """A second look with accurate motions: links without points go, parts move freely again, the tree is built anew."""
     model = drop_small(frames, Relaxed(tree.forward(), labels), config.label.minimum_support)
+    model = largest_parts(frames, model, config.max_parts)
     rows = frames.rows(canonical)
     shared = np.zeros((model.n_parts, relaxed.n_parts))
     np.add.at(shared, (model.labels[rows], relaxed.labels[rows]), 1)
     earlier = {p: [relaxed.T[:, int(shared[p].argmax())]] for p in range(model.n_parts) if shared[p].any()}
-    model = repair_poses(frames, canonical, model, config.repair, rng, earlier, turn=False)
+    step = steps(told, 3)
+    model = repair_poses(frames, canonical, model, config.repair, rng, earlier, False, next(step))
     model = register_to_fused(frames, canonical, model, 0.37)
-    model = trial_merge(frames, canonical, model, config.trial, config.trial.threshold, rng)
+    model = trial_merge(frames, canonical, model, config.trial, config.trial.threshold, rng, next(step))
     model = merge_resting(frames, canonical, model, config.project)
-    return project(frames, canonical, model, config.project, rng)
+    return project(frames, canonical, model, config.project, rng, next(step))

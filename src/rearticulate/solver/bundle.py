@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from rearticulate.geometry.se3 import inverse, log_se3, rotate, transform
 from rearticulate.solver.articulated import Articulated, gauss_newton_step
 from rearticulate.solver.frames import Frames
+from rearticulate.solver.progress import Told, untold
 from rearticulate.solver.register import geman_mcclure, match, normal_equations
 from rearticulate.solver.relaxed import CONVERGED, fuse, fused_equations, points_behind
 
@@ -84,15 +85,17 @@ def bundle_adjust(
     sigmas: tuple[float, ...],
     thorough: bool = False,
     one_sided: IntArray | None = None,
+    told: Told = untold,
 ) -> Articulated:
     """Gauss-Newton with the fused clouds rebuilt once a scale. sigmas: robust scales, in spacings.
 
     thorough: all points are asked, against all points, instead of a sample against a sample. one_sided: frames that do
     not show the whole object; their points must be explained, but they need not explain all of the object.
     """
-    for sigma in sigmas:
+    for i, sigma in enumerate(sigmas):
         fused = fuse(frames, model.forward(), labels, dense=thorough)
-        for _ in range(INNER):
+        for k in range(INNER):
+            told((i + k / INNER) / len(sigmas))
             T = model.forward()
             H1, g1 = fused_equations(frames, canonical, T, fused, sigma, 1 if thorough else frames.stride)
             H2, g2 = canonical_equations(frames, canonical, T, labels, 2 * sigma, one_sided)

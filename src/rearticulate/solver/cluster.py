@@ -98,7 +98,8 @@ def adjacent_labels(points: Array, label: IntArray, neighbours: int = 10) -> set
 
 
 def cluster(tracks: Tracks, config: ClusterConfig) -> tuple[IntArray, Array]:
-    """Merge neighbouring patches, cheapest first, until the cheapest merge costs more than the penalty.
+    """Merge neighbouring patches, cheapest first, until the cheapest merge costs more than the penalty and there are no
+    more parts than allowed.
 
     Returns labels (N,) of the canonical points and T (F, P, 4, 4). Errors inside a patch are correlated, hence the
     square root of the smaller size instead of the size.
@@ -131,7 +132,7 @@ def cluster(tracks: Tracks, config: ClusterConfig) -> tuple[IntArray, Array]:
         cost, a, b, va, vb = heapq.heappop(queue)
         if not (alive[a] and alive[b]) or version[a] != va or version[b] != vb:
             continue
-        if cost > config.penalty:
+        if cost > config.penalty and alive.sum() <= config.max_parts:
             break
         stats.store(a, stats.take([a]).plus(stats.take([b])))
         error[a] = stats.take([a]).squared_error()[0]

@@ -17,7 +17,9 @@ from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import rotate, transform
 from rearticulate.solver.articulated import Articulated
 from rearticulate.solver.frames import Frames
+from rearticulate.solver.progress import Told, untold
 from rearticulate.solver.register import Schedule, fit_cost, geman_mcclure, match, normal_equations
+from rearticulate.solver.repair import outwards
 from rearticulate.solver.trial import flatten, mean_by
 
 Array = NDArray[np.floating]
@@ -221,13 +223,19 @@ class JointRepairer:
 
 
 def repair_joints(
-    frames: Frames, canonical: int, model: Articulated, labels: IntArray, config: RepairConfig, rng: np.random.Generator
+    frames: Frames,
+    canonical: int,
+    model: Articulated,
+    labels: IntArray,
+    config: RepairConfig,
+    rng: np.random.Generator,
+    told: Told = untold,
 ) -> tuple[Articulated, int]:
     """Restart branches and swing badly fitting parts in every frame, from the canonical frame outwards."""
     repairer = JointRepairer(frames, canonical, model, labels, config, rng)
     usual, changed = repairer.usual_cost(), 0
-    for direction in (1, -1):
-        for f in range(canonical + direction, frames.n_frames if direction > 0 else -1, direction):
-            changed += repairer.restart_branches(f, f - direction)
-            changed += repairer.swing(f, usual)
+    for done, (f, before) in enumerate(outwards(canonical, frames.n_frames), start=1):
+        changed += repairer.restart_branches(f, before)
+        changed += repairer.swing(f, usual)
+        told(done / (frames.n_frames - 1))
     return replace(model, q=repairer.q), changed

@@ -20,6 +20,7 @@ from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import inverse, transform
 from rearticulate.solver.energy import evidence_frames, point_misfit
 from rearticulate.solver.frames import Frames
+from rearticulate.solver.progress import Told, rounds, untold
 from rearticulate.solver.relaxed import Relaxed, apart, drop_small
 
 Array = NDArray[np.floating]
@@ -223,9 +224,9 @@ class Labeller:
     def _time(self, T: Array, labels: IntArray, candidates: NDArray[np.bool_]) -> Graph:
         return temporal_graph(self.frames, T, labels, doubtful(candidates), self.targets, self.config.time_scale)
 
-    def coarse(self, model: Relaxed, radius: float) -> Relaxed:
+    def coarse(self, model: Relaxed, radius: float, told: Told = untold) -> Relaxed:
         """Labels by nearest-point evidence; parts that end with too few points are dissolved, smallest first."""
-        while True:
+        for _ in rounds(told):
             candidates = np.isfinite(part_distances(self.frames, model.labels, model.n_parts, radius))
             U = self.config.nearest_weight * nearest_evidence(self.frames, model.T, candidates, self.targets)
             graph = Graph(self.space.neighbour, 0.5 * self.space.weight).join(
@@ -234,8 +235,9 @@ class Labeller:
             model = Relaxed(model.T, mean_field(U, graph).argmax(axis=1))
             counts = model.counts()
             if counts.min() >= self.config.minimum_points or model.n_parts == 1:
-                return model
+                break
             model = drop_small(self.frames, model, np.nextafter(counts.min(), np.inf))
+        return model
 
     def with_noise(self, noise: float) -> Labeller:
         """The same for points that scatter about their surface by noise (spacings): sheets are thicker by it."""
@@ -244,7 +246,7 @@ class Labeller:
         out.config = replace(config, sheet_thickness=float(np.sqrt(config.sheet_thickness**2 + excess)))
         return out
 
-    def fine(self, model: Relaxed, belief: Array | None) -> tuple[Relaxed, Array]:
+    def fine(self, model: Relaxed, belief: Array | None, told: Told = untold) -> tuple[Relaxed, Array]:
         """Labels by sheet evidence, and the belief (M, P) for the next call.
 
         A point whose part was certain in the last call only looks at parts that are near.
@@ -256,9 +258,12 @@ class Labeller:
         if belief is not None:
             own = np.eye(model.n_parts, dtype=bool)[model.labels]
             settled = (belief[own] > config.certain)[:, None] & (distance >= config.certain_radius) & ~own
+        told(0.2)
         U = sheet_evidence(self.frames, model.T, candidates, belief, config, settled)
+        told(0.8)
         candidates &= ~settled
         belief = mean_field(U, self.space)
         graph = self.space.join(self._time(model.T, belief.argmax(axis=1), candidates), 0.5)
         belief = mean_field(U, graph)
+        told(1.0)
         return Relaxed(model.T, belief.argmax(axis=1)), belief

@@ -18,6 +18,7 @@ from rearticulate.solver.bundle import adjust_to_poses
 from rearticulate.solver.chains import ChainFit, fit_prismatic, fit_revolute, fit_series, relative_motion, rest_cost
 from rearticulate.solver.cluster import adjacent_labels
 from rearticulate.solver.frames import Frames
+from rearticulate.solver.progress import Told, steps, untold
 from rearticulate.solver.relaxed import (
     INFORMATION_SIGMA,
     Fused,
@@ -105,7 +106,7 @@ def merge_resting(frames: Frames, canonical: int, model: Relaxed, config: Projec
     return model
 
 
-def part_gaps(evidence: Evidence, P: int, rng: np.random.Generator, sample: int = 400) -> Array:
+def part_gaps(evidence: Evidence, P: int, rng: np.random.Generator, told: Told = untold, sample: int = 400) -> Array:
     """(P, P) mean over the frames of the smallest distances between two parts (mean of three)."""
     z = [evidence.fused.z[evidence.fused.labels == p] for p in range(P)]
     z = [x if len(x) <= sample else rng.choice(x, sample, replace=False) for x in z]
@@ -118,6 +119,7 @@ def part_gaps(evidence: Evidence, P: int, rng: np.random.Generator, sample: int 
             d = nearest(trees[q], moved.reshape(-1, 3))[0].reshape(len(T), -1)
             closest = np.partition(d, min(2, d.shape[1] - 1), axis=1)[:, :3]
             gap[p, q] = gap[q, p] = closest.mean()
+        told((p + 1) / P)
     return gap
 
 
@@ -159,13 +161,15 @@ def fit_joints(evidence: Evidence, a: IntArray, b: IntArray, config: ProjectConf
     )
 
 
-def tree_costs(evidence: Evidence, P: int, root: int, config: ProjectConfig, rng: np.random.Generator) -> Array:
+def tree_costs(
+    evidence: Evidence, P: int, root: int, config: ProjectConfig, rng: np.random.Generator, told: Told = untold
+) -> Array:
     """(P, P) cost of joining two parts: log(1 + X_1), or with a hidden link series_cost + log(1 + X_2); plus the gap.
 
     Two drawers, or two doors on one hinge line, move against each other by one joint as well: a pair without the root
     costs a little more.
     """
-    gap = part_gaps(evidence, P, rng)
+    gap = part_gaps(evidence, P, rng, told)
     cost = 20 + gap
     a, b = np.nonzero(np.tril(gap < config.gap, -1))
     if len(a) == 0:
@@ -213,7 +217,12 @@ def near_contact(z: Array, contact: Array, inside: NDArray[np.bool_], reach: flo
 
 
 def project(
-    frames: Frames, canonical: int, model: Relaxed, config: ProjectConfig, rng: np.random.Generator
+    frames: Frames,
+    canonical: int,
+    model: Relaxed,
+    config: ProjectConfig,
+    rng: np.random.Generator,
+    told: Told = untold,
 ) -> Projection:
     """The tree of joints of the relaxed model."""
     evidence = gather_evidence(frames, canonical, model, config)
@@ -221,7 +230,8 @@ def project(
     root = choose_root(frames, canonical, model, config)
     if P == 1:
         return Projection(assemble([], model.T[:, root], root, 1)[0], (np.zeros_like(model.labels),), np.arange(0))
-    parent, order = spanning_tree(tree_costs(evidence, P, root, config, rng), root)
+    pairs, chains = steps(told, 2)
+    parent, order = spanning_tree(tree_costs(evidence, P, root, config, rng, pairs), root)
     child = order[1:]
     joints = fit_joints(evidence, child, parent[child], config)
     x1, rms = evidence.reduced(joints.cost, 1), evidence.rms(joints.cost, joints.W)
@@ -235,12 +245,15 @@ def project(
     n_links = P
     reaches = (config.link_near, config.link_far)
     starts = [model.labels.copy() for _ in reaches]
-    for c in [int(c) for c in child]:
+    for c, each in zip([int(c) for c in child], steps(chains, P - 1), strict=True):
+        each(0.0)
         link = links[c]
         chain, contact = hidden_links(evidence, c, link.parent, x[c], r[c], config)
         if chain is None:
             continue
         k = chain.twist.shape[0]
+        if n_links + k - 1 > P + config.max_hidden:
+            break
         for labels, reach in zip(starts, reaches, strict=True):
             near = near_contact(evidence.fused.z, contact, model.labels == c, reach, config.link_share)
             labels[near] = n_links + k - 2

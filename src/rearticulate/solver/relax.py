@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +15,12 @@ from rearticulate.geometry.nearest import nearest
 from rearticulate.solver.cluster import cluster
 from rearticulate.solver.frames import Frames
 from rearticulate.solver.labels import Labeller
+from rearticulate.solver.progress import steps
 from rearticulate.solver.register import Schedule
 from rearticulate.solver.relaxed import (
     Relaxed,
     drop_small,
+    largest_parts,
     register_to_frames,
     register_to_fused,
     spread_labels,
@@ -46,29 +49,28 @@ def relax(
     tracks = track(frames, canonical, config.track, lambda done: progress("track", done))
     labels, T = cluster(tracks, config.cluster)
     model = Relaxed(T, spread_labels(frames, canonical, T, labels))
-    model = register_to_frames(frames, canonical, model, WIDE)
-    progress("segment", 0.0)
-    model = trial_merge(frames, canonical, model, config.trial, config.trial.threshold_first, rng)
-    model = repair_poses(frames, canonical, model, config.repair, rng)
+    step = steps(lambda done: progress("segment", done), 12)
+    model = register_to_frames(frames, canonical, model, WIDE, next(step))
+    model = trial_merge(frames, canonical, model, config.trial, config.trial.threshold_first, rng, next(step))
+    found, model = model.n_parts, largest_parts(frames, model, config.max_parts)
+    model = repair_poses(frames, canonical, model, config.repair, rng, told=next(step))
     model = part_at_rest(frames, canonical, model, config.rest)
-    for i in range(2):
-        progress("segment", 0.2 + 0.2 * i)
-        model = register_to_fused(frames, canonical, register_to_frames(frames, canonical, model, NARROW))
-        model = labeller.coarse(model, config.label.candidate_radius)
-    model = trial_merge(frames, canonical, model, config.trial, config.trial.threshold, rng)
-    model = repair_poses(frames, canonical, model, config.repair, rng)
+    for _ in range(2):
+        model = register_to_frames(frames, canonical, model, NARROW, next(step))
+        model = labeller.coarse(register_to_fused(frames, canonical, model), config.label.candidate_radius, next(step))
+    model = trial_merge(frames, canonical, model, config.trial, config.trial.threshold, rng, next(step))
+    model = repair_poses(frames, canonical, model, config.repair, rng, told=next(step))
     belief = None
     labeller = labeller.with_noise(surface_noise(frames, canonical, model.T, model.labels))
     for i in range(2):
-        progress("segment", 0.6 + 0.2 * i)
-        model, belief = labeller.fine(register_to_fused(frames, canonical, model, 0.47), belief)
+        model, belief = labeller.fine(register_to_fused(frames, canonical, model, 0.47), belief, next(step))
         before = model.n_parts
         model = drop_small(frames, model, config.label.minimum_points / 2)
         if i == 0:
-            model = trial_merge(frames, canonical, model, config.trial, config.trial.threshold, rng)
+            model = trial_merge(frames, canonical, model, config.trial, config.trial.threshold, rng, next(step))
         belief = belief if model.n_parts == before else None
     progress("segment", 1.0)
-    return register_to_fused(frames, canonical, model)
+    return replace(register_to_fused(frames, canonical, model), found=found)
 
 
 def part_at_rest(frames: Frames, canonical: int, model: Relaxed, config: RestConfig) -> Relaxed:

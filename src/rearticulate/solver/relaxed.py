@@ -11,6 +11,7 @@ from scipy.spatial import KDTree
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, transform
 from rearticulate.solver.frames import Frames, smallest_direction
+from rearticulate.solver.progress import Told, untold
 from rearticulate.solver.register import Schedule, geman_mcclure, normal_equations, register_bodies, solve_twists
 
 Array = NDArray[np.floating]
@@ -24,10 +25,14 @@ INFORMATION_SIGMA = 0.56  # robust scale at which the information of a pose is t
 
 @dataclass(frozen=True)
 class Relaxed:
-    """T (F, P, 4, 4): T_frame_canonical of each part, identity at the canonical frame. labels (M,): part of a point."""
+    """T (F, P, 4, 4): T_frame_canonical of each part, identity at the canonical frame. labels (M,): part of a point.
+
+    found: how many parts `relax` saw at first, those included that were too many to be worked with.
+    """
 
     T: Array
     labels: IntArray
+    found: int = 0
 
     @property
     def n_parts(self) -> int:
@@ -90,6 +95,13 @@ def drop_small(frames: Frames, model: Relaxed, minimum: float) -> Relaxed:
     return model if len(keep) == model.n_parts else keep_parts(frames, model, keep)
 
 
+def largest_parts(frames: Frames, model: Relaxed, count: int) -> Relaxed:
+    """At most so many parts: the smaller ones are dissolved."""
+    if model.n_parts <= count:
+        return model
+    return keep_parts(frames, model, np.sort(np.argsort(-model.counts(), kind="stable")[:count]))
+
+
 def apart(z: Array, label: IntArray) -> Array:
     """(n, 3) points shifted by their part, so that one tree searches within one part at a time."""
     return z + np.outer(label, [APART, 0.0, 0.0])
@@ -135,7 +147,9 @@ def fuse(frames: Frames, T: Array, labels: IntArray, neighbours: int = 16, dense
     return Fused(z, labels, frames.frame, surface, smallest_direction(z[surface], j), tree)
 
 
-def register_to_frames(frames: Frames, canonical: int, model: Relaxed, schedule: Schedule) -> Relaxed:
+def register_to_frames(
+    frames: Frames, canonical: int, model: Relaxed, schedule: Schedule, told: Told = untold
+) -> Relaxed:
     """Register the canonical points of every part to every frame."""
     rows = frames.rows(canonical)
     x, nx, labels = frames.points[rows], frames.normals[rows], model.labels[rows]
@@ -143,6 +157,7 @@ def register_to_frames(frames: Frames, canonical: int, model: Relaxed, schedule:
     for f in range(frames.n_frames):
         if f != canonical:
             T[f] = register_bodies(frames.trees[f], frames.normals[frames.rows(f)], x, nx, labels, T[f], schedule)
+        told((f + 1) / frames.n_frames)
     return Relaxed(T, model.labels)
 
 

@@ -13,6 +13,7 @@ from rearticulate.config import RepairConfig
 from rearticulate.geometry.nearest import contact, nearest, search_tree
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.solver.frames import Frames
+from rearticulate.solver.progress import Told, untold
 from rearticulate.solver.register import Schedule
 from rearticulate.solver.relaxed import Relaxed
 from rearticulate.solver.trial import Trials, flatten, mean_by, shared_border
@@ -152,6 +153,12 @@ class Repairer:
         return changed
 
 
+def outwards(canonical: int, count: int) -> list[tuple[int, int]]:
+    """All other frames, from the canonical one to the end and then to the beginning, each with the one before it."""
+    later, earlier = range(canonical + 1, count), range(canonical - 1, -1, -1)
+    return [*((f, f - 1) for f in later), *((f, f + 1) for f in earlier)]
+
+
 def repair_poses(
     frames: Frames,
     canonical: int,
@@ -160,11 +167,12 @@ def repair_poses(
     rng: np.random.Generator,
     extra: dict[int, list[Array]] | None = None,
     turn: bool = True,
+    told: Told = untold,
 ) -> Relaxed:
     """From the canonical frame outwards, restart every part; another pose is taken when it is better by the margin."""
     repairer = Repairer(frames, canonical, model, config, rng)
     if repairer.parts:
-        for direction in (1, -1):
-            for f in range(canonical + direction, frames.n_frames if direction > 0 else -1, direction):
-                repairer.repair_frame(f, f - direction, extra or {}, turn)
+        for done, (f, before) in enumerate(outwards(canonical, frames.n_frames), start=1):
+            repairer.repair_frame(f, before, extra or {}, turn)
+            told(done / (frames.n_frames - 1))
     return Relaxed(repairer.T, model.labels)

@@ -17,6 +17,7 @@ from rearticulate.solver.bundle import SIGMA, adjust_to_poses, bundle_adjust
 from rearticulate.solver.cluster import adjacent_labels
 from rearticulate.solver.energy import energy
 from rearticulate.solver.frames import Frames
+from rearticulate.solver.progress import Told, steps, untold
 from rearticulate.solver.relaxed import INFORMATION_SIGMA, fuse, fused_equations, points_behind
 
 Array = NDArray[np.floating]
@@ -89,26 +90,40 @@ def try_weld(canonical: int, tree: Articulated, poses: Poses, j: int, k: int) ->
     return Weld(j, k, smaller, number, float(np.sqrt((misfit * points).sum() / (few + 1e-9))))
 
 
-def possible_welds(frames: Frames, canonical: int, tree: Articulated, labels: IntArray, poses: Poses) -> list[Weld]:
+def possible_welds(
+    frames: Frames, canonical: int, tree: Articulated, labels: IntArray, poses: Poses, told: Told = untold
+) -> list[Weld]:
     """One for every joint, least misfit first: a part joins its parent, or a part that touches it and hangs on the same
     parent."""
     rows = frames.rows(canonical)
     touching = adjacent_labels(frames.points[rows], labels[rows])
     pairs = [(j, int(tree.parent[j])) for j in range(1, tree.n_parts)]
     pairs += [(b, a) for a, b in sorted(touching) if a > 0 and tree.parent[a] == tree.parent[b]]
-    return sorted((try_weld(canonical, tree, poses, j, k) for j, k in pairs), key=lambda w: w.misfit)
+    welds = []
+    for j, k in pairs:
+        welds.append(try_weld(canonical, tree, poses, j, k))
+        told(len(welds) / len(pairs))
+    return sorted(welds, key=lambda w: w.misfit)
 
 
 def simplify(
-    frames: Frames, canonical: int, tree: Articulated, labels: IntArray, config: ProjectConfig
+    frames: Frames,
+    canonical: int,
+    tree: Articulated,
+    labels: IntArray,
+    config: ProjectConfig,
+    told: Told = untold,
 ) -> tuple[Articulated, IntArray, float]:
     """Weld joints, the least needed first, while the energy does not rise. Returns tree, labels (M,) and energy."""
     value = energy(frames, tree.forward(), labels)
     poses = poses_of(frames, canonical, tree, labels)
     before = tree.n_parts + 1
-    while 1 < tree.n_parts < before:
+    for each_round in steps(told, config.weld_rounds):
+        if not 1 < tree.n_parts < before:
+            break
         before = tree.n_parts
-        likely = [w for w in possible_welds(frames, canonical, tree, labels, poses) if w.misfit < config.weld]
+        welds = possible_welds(frames, canonical, tree, labels, poses, each_round)
+        likely = [w for w in welds if w.misfit < config.weld]
         now, failures = np.arange(tree.n_parts), 0  # now: the number of each part after the welds of this round
         for found in likely:
             j, k = int(now[found.j]), int(now[found.k])

@@ -10,6 +10,7 @@ from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import rotate, transform
 from rearticulate.solver.cluster import adjacent_labels
 from rearticulate.solver.frames import Frames
+from rearticulate.solver.progress import Told, rounds, steps, untold
 from rearticulate.solver.register import Schedule, fit_cost, register_bodies
 from rearticulate.solver.relaxed import Relaxed, keep_parts
 
@@ -70,7 +71,12 @@ def own_cost(trials: Trials, T: Array, parts: list[int], subsets: dict[int, IntA
 
 
 def try_pairs(
-    trials: Trials, T: Array, pairs: list[Pair], subsets: dict[int, IntArray], own: dict[int, Array]
+    trials: Trials,
+    T: Array,
+    pairs: list[Pair],
+    subsets: dict[int, IntArray],
+    own: dict[int, Array],
+    told: Told = untold,
 ) -> dict[Pair, tuple[float, Array]]:
     """Score and common motion (F, 4, 4) of every pair: growth of the misfit when one body carries both.
 
@@ -93,6 +99,7 @@ def try_pairs(
         common[:, f] = T_new[np.arange(n) + n * best]
         chosen = cost.reshape(2, -1)[best[body], np.arange(len(body))]
         growth[i] = mean_by(side, chosen, 2 * n)
+        told((i + 1) / len(trials.others))
     out = {}
     for k, (a, b) in enumerate(pairs):
         d = growth[:, 2 * k : 2 * k + 2] - np.stack([own[a], own[b]], axis=1)
@@ -125,7 +132,13 @@ def shared_border(near: IntArray, labels: IntArray, P: int) -> Array:
 
 
 def trial_merge(
-    frames: Frames, canonical: int, model: Relaxed, config: TrialConfig, threshold: float, rng: np.random.Generator
+    frames: Frames,
+    canonical: int,
+    model: Relaxed,
+    config: TrialConfig,
+    threshold: float,
+    rng: np.random.Generator,
+    told: Told = untold,
 ) -> Relaxed:
     """Merge pairs of parts, mutually best pairs first, while the score stays below the threshold.
 
@@ -138,8 +151,9 @@ def trial_merge(
     subsets = {p: trials.subset(labels, p, config.subset) for p in parts}
     own = own_cost(trials, T, parts, subsets)
     pairs = _candidates(trials, labels, parts, config.gap)
-    scores = try_pairs(trials, T, sorted(pairs), subsets, own) if pairs else {}
-    while True:
+    first, later = steps(told, 2)
+    scores = try_pairs(trials, T, sorted(pairs), subsets, own, first) if pairs else {}
+    for _ in rounds(later):
         border = shared_border(trials.near[:, :8], labels, model.n_parts)
         counts = np.bincount(labels, minlength=model.n_parts)
         rank = {
