@@ -5,7 +5,16 @@ import pytest
 
 from oracle import in_spacings
 from rearticulate.geometry.se3 import exp_se3, transform
-from rearticulate.solver.energy import PER_BORDER, PER_EMPTY, PER_JOINT, border_length, energy, point_misfit
+from rearticulate.solver.energy import (
+    PER_BORDER,
+    PER_EMPTY,
+    PER_JOINT,
+    border_length,
+    energy,
+    frame_residual,
+    point_misfit,
+    sampling_distance,
+)
 from rearticulate.solver.frames import make_frames
 
 
@@ -49,3 +58,15 @@ def test_the_true_motion_has_the_least_energy_and_every_part_has_its_price():
     expected = best + PER_JOINT + PER_BORDER * border_length(frames, half)
     assert energy(frames, two, half) == pytest.approx(expected)
     assert energy(frames, two, one) == pytest.approx(best + PER_JOINT + PER_EMPTY)
+
+
+def test_two_samples_of_one_surface_lie_apart_by_the_sampling():
+    rng = np.random.default_rng(3)
+    ball = rng.normal(size=(6000, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    frames = make_frames([ball[:3000], ball[3000:]])
+    still = np.tile(np.eye(4), (2, 1, 1, 1))
+    residual = frame_residual(frames, 0, still, np.zeros(6000, dtype=int))
+    assert sampling_distance(frames)[1] == pytest.approx(residual[1], rel=0.03)
+    still[1, 0, 2, 3] = 3.0
+    assert frame_residual(frames, 0, still, np.zeros(6000, dtype=int))[1] > 1.5 * sampling_distance(frames)[1]

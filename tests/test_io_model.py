@@ -56,6 +56,7 @@ def some_result(seed: int = 0, n_parts: int = 4, sizes: tuple[int, ...] = (30, 2
         seed=seed,
         notes=("stopped at 40 parts", "too few frames"),
         machine="a CPU, a kernel",
+        sampling=rng.random(F),
     )
 
 

@@ -16,7 +16,7 @@ from rearticulate.report.advice import advice
 from rearticulate.report.confidence import confidence
 from rearticulate.report.html import Score, write_report
 from rearticulate.report.scene import animation, named_axes, true_parts
-from rearticulate.report.summary import joint_rows, jsonable, length, result_as_dict
+from rearticulate.report.summary import headline, joint_rows, jsonable, length, result_as_dict
 from rearticulate.report.support import support
 from toy_result import FRAMES, toy, toy_truth
 
@@ -243,3 +243,27 @@ def test_a_result_is_strict_json() -> None:
 def test_notes_and_the_machine_are_told() -> None:
     told = result_as_dict(replace(toy()[0], notes=("a note",), machine="a CPU"))
     assert told["notes"] == ["a note"] and told["machine"] == "a CPU"
+
+
+@pytest.mark.parametrize(
+    ("source", "working", "words"),
+    [
+        ((), 5000, "360 points"),
+        ((900,) * FRAMES, 5000, "900 points, 360 kept"),
+        ((900, 900, 800, 900), 100, "800 to 900 points, 360 kept, 100 take part in the fit"),
+    ],
+)
+def test_points_in_the_source_kept_and_fitted_are_told_apart(source: tuple[int, ...], working: int, words: str) -> None:
+    result, sequence = toy()
+    result, sequence = replace(result, config={"working_points": working}), replace(sequence, source_points=source)
+    assert f"{FRAMES} frames of {words}" in headline(result, sequence)
+    told = result_as_dict(result, sequence)["points"]
+    assert told["source"] == list(source or told["kept"]) and told["fitted"] == [min(360, working)] * FRAMES
+
+
+def test_misfit_is_what_exceeds_the_sampling_and_energy_says_whose_it_is() -> None:
+    result = replace(toy()[0], residual=np.array([5.0, 3.0, 1.0, 2.0]), sampling=np.array([4.0, 3.0, 2.0, 0.0]))
+    assert result_as_dict(result)["misfit"] == [3.0, 0.0, 0.0, 2.0]
+    assert result_as_dict(toy()[0])["misfit"] is None
+    assert "energy 0.4 spacings" in headline(result)
+    assert "energy 0.4 of the paper (E_project + E_group)" in headline(replace(result, config={"articulate": "paper"}))

@@ -231,8 +231,11 @@ class FitResult:
 
     labels:   one (N_f,) array a frame: part of every point of the input sequence.
     joints:   one record a part (the root's is empty of meaning).
-    energy:   label-free energy of the result, in point spacings; energies: of every canonical frame that was tried.
-    residual: (F,) mean distance of each frame's points to the model, m.
+    energy:   what canonical frames are chosen by, lowest first; energies: of every one that was tried. From the direct
+              solver the label-free energy, in point spacings; from the paper's E_project + E_group (its supplement), of
+              an object scaled to `deviation.radius`: the two do not compare.
+    residual: (F,) mean distance of the moved canonical points to each frame's points, m; sampling: (F,) what it would
+              be for an exact model, for the points of two samples of one surface lie apart. None in older files.
     relaxed:  the parts before they were joined; not kept in files.
     notes:    what a reader must know before the numbers, a sentence each.
     machine:  CPU and linear algebra kernel that it was made on: the same seed gives the same bits on one such pair.
@@ -251,6 +254,14 @@ class FitResult:
     relaxed: RelaxedModel | None = None
     notes: tuple[str, ...] = ()
     machine: str = ""
+    sampling: Array | None = None
+
+    @property
+    def misfit(self) -> Array | None:
+        """(F,) the residual in excess of the sampling, sqrt(max(0, residual^2 - sampling^2)), m; None if not known."""
+        if self.sampling is None:
+            return None
+        return np.sqrt(np.maximum(self.residual**2 - self.sampling**2, 0.0))
 
 
 @dataclass(frozen=True)

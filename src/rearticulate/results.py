@@ -22,7 +22,7 @@ from rearticulate.records import (
 )
 from rearticulate.solver.articulated import Articulated
 from rearticulate.solver.diagnose import diagnose
-from rearticulate.solver.energy import frame_residual
+from rearticulate.solver.energy import frame_residual, sampling_distance
 from rearticulate.solver.frames import Frames
 from rearticulate.solver.relaxed import Relaxed
 from rearticulate.solver.spherical import BallTree, diagnose_balls
@@ -78,6 +78,7 @@ def to_result(
         seed=seed,
         relaxed=relaxed_model(sequence, chosen, frames, best),
         machine=machine(),
+        sampling=sampling_distance(frames) * frames.unit,
     )
 
 

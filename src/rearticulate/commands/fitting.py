@@ -66,7 +66,7 @@ def run_fit(source: str, out: Path, options: FitOptions, scale: float, max_point
         result = fit_with_progress(sequence, config, canonical, out, options)
         write_result(out, result, sequence, None, options)
     if as_json:
-        print_json({"out": str(out), **result_as_dict(result)})
+        print_json({"out": str(out), **result_as_dict(result, sequence)})
         return
     show_result(result, sequence)
     print(_written(out))
@@ -89,7 +89,7 @@ def run_demo(name: str | None, out: Path, as_json: bool) -> None:
     metrics = evaluate(result, truth, sequence)
     write_result(out, result, sequence, Score(metrics, canonical_labels(result, truth, sequence)), options)
     if as_json:
-        print_json({"out": str(out), **result_as_dict(result), "metrics": {m.key: m.value for m in metrics}})
+        print_json({"out": str(out), **result_as_dict(result, sequence), "metrics": {m.key: m.value for m in metrics}})
         return
     show_result(result, sequence)
     show_metrics(metrics)

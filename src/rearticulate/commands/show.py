@@ -14,7 +14,16 @@ from rich.tree import Tree
 
 from rearticulate.io.palette import part_hex
 from rearticulate.records import Array, FitResult, KinematicModel, Metric, Motion, PointSequence, Posture
-from rearticulate.report.summary import children, headline, joint_range, joint_rows, joint_value, jsonable, length
+from rearticulate.report.summary import (
+    children,
+    energy_in_words,
+    headline,
+    joint_range,
+    joint_rows,
+    joint_value,
+    jsonable,
+    length,
+)
 
 PLAIN_WIDTH = 160  # where stdout is no terminal
 
@@ -40,7 +49,7 @@ def show_result(result: FitResult, sequence: PointSequence | None = None) -> Non
     if result.model.n_parts > 1:
         console.print(joint_table(result))
     energies = ", ".join(f"frame {f} {e:.4g}" for f, e in sorted(result.energies.items()))
-    console.print(f"[dim]energy[/]  {result.energy:.4g}" + (f"  (tried: {energies})" if energies else ""))
+    console.print(f"[dim]energy[/]  {energy_in_words(result)}" + (f"  (tried: {energies})" if energies else ""))
     console.print("[dim]time[/]    " + ", ".join(f"{escape(s.name)} {s.seconds:.1f} s" for s in result.stages))
     if result.machine:
         console.print(f"[dim]made on[/] {escape(result.machine)}")

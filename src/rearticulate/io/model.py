@@ -18,9 +18,10 @@ model.json     what a person may want to read:
     Not-a-number and infinities are the strings "nan", "inf" and "-inf"; what was not measured is null.
 config.json    the resolved configuration once more, on its own
 arrays.npz     points (N, 3) float64 and labels (N,) int64: canonical cloud and its parts; q (F, D);
-               T_world_root (F, 4, 4); residual (F,); frame_labels (sum N_f,): the part of each point of the input,
-               frame f in frame_labels[frame_offsets[f]:frame_offsets[f + 1]]; frame_index, split alike: row of each
-               of these points in its source file; frame_points (sum N_f, 3), split alike: the points themselves
+               T_world_root (F, 4, 4); residual (F,); sampling (F,), if known; frame_labels (sum N_f,): the part of each
+               point of the input, frame f in frame_labels[frame_offsets[f]:frame_offsets[f + 1]]; frame_index, split
+               alike: row of each of these points in its source file; frame_points (sum N_f, 3), split alike: the points
+               themselves
 joints.csv     a line a frame: frame, then one column a moving joint, "name [rad]" or "name [m]"; the rotation vector of
                a spherical joint has three, "name.x [rad]" and so on
 canonical.ply  the canonical cloud, coloured by part
@@ -136,6 +137,7 @@ def load_result(folder: PathLike) -> FitResult:
             seed=int(record["seed"]),
             notes=tuple(str(note) for note in record.get("notes", ())),
             machine=str(record.get("machine", "")),
+            sampling=arrays.get("sampling"),
         )
 
 
@@ -224,6 +226,7 @@ def _arrays(result: FitResult, sequence: PointSequence) -> dict[str, Any]:
         "q": result.motion.q,
         "T_world_root": result.motion.T_world_root,
         "residual": result.residual,
+        **({} if result.sampling is None else {"sampling": result.sampling}),
         "frame_labels": np.concatenate(result.labels),
         "frame_index": np.concatenate(sequence.index),
         "frame_points": np.concatenate(sequence.points),

@@ -116,17 +116,43 @@ def headline(result: FitResult, sequence: PointSequence | None = None) -> list[s
         joints += " (" + ", ".join(f"{model.joint_type.count(k)} {k}" for k in kinds) + ")"
     frames = counted(len(result.motion.q), "frame")
     if sequence is not None:
-        sizes = [len(p) for p in sequence.points]
-        frames += f" of {min(sizes)} points" if min(sizes) == max(sizes) else f" of {min(sizes)} to {max(sizes)} points"
+        frames += f" of {points_in_words(result, sequence)}"
     seconds = sum(s.seconds for s in result.stages)
     return [
         counted(model.n_parts, "part"),
         joints,
         frames,
         f"canonical frame {model.canonical}",
-        f"energy {result.energy:.4g}",
+        *([] if result.misfit is None else [f"misfit {length(float(result.misfit.mean()))} beyond the sampling"]),
+        f"energy {energy_in_words(result)}",
         f"{seconds:.1f} s",
     ]
+
+
+def energy_in_words(result: FitResult) -> str:
+    """With what it is: solvers measure different things."""
+    paper = result.config.get("articulate") == "paper"
+    return f"{result.energy:.4g} " + ("of the paper (E_project + E_group)" if paper else "spacings")
+
+
+def points_of(result: FitResult, sequence: PointSequence) -> dict[str, list[int]]:
+    """Points of every frame: in its source, kept, and taking part in the fit (the others get their labels at the
+    end)."""
+    kept = [len(p) for p in sequence.points]
+    limit = int(result.config.get("working_points", max(kept)))
+    return {"source": list(sequence.source_points) or kept, "kept": kept, "fitted": [min(n, limit) for n in kept]}
+
+
+def points_in_words(result: FitResult, sequence: PointSequence) -> str:
+    """ "60000 points, 20000 kept, 5000 take part in the fit"; what is the same is said once."""
+    source, kept, fitted = points_of(result, sequence).values()
+    words = f"{_between(source)} points"
+    words += f", {_between(kept)} kept" if kept != source else ""
+    return words + (f", {_between(fitted)} take part in the fit" if fitted != kept else "")
+
+
+def _between(sizes: list[int]) -> str:
+    return f"{min(sizes)}" if min(sizes) == max(sizes) else f"{min(sizes)} to {max(sizes)}"
 
 
 def children(model: KinematicModel) -> dict[int, list[int]]:
@@ -158,8 +184,8 @@ def _joint_as_dict(model: KinematicModel, j: int) -> dict[str, Any]:
     }
 
 
-def result_as_dict(result: FitResult) -> dict[str, Any]:
-    """A whole result as plain numbers, without its arrays."""
+def result_as_dict(result: FitResult, sequence: PointSequence | None = None) -> dict[str, Any]:
+    """A whole result as plain numbers, without its arrays. sequence: what was fitted, for its numbers of points."""
     out = model_as_dict(result.model)
     for entry, joint in zip(out["joints"], result.joints[1:], strict=True):
         entry |= {key: "inf" if value == math.inf else value for key, value in vars(joint).items()}
@@ -167,6 +193,9 @@ def result_as_dict(result: FitResult) -> dict[str, Any]:
     out["energy"] = result.energy
     out["energies"] = {str(k): v for k, v in result.energies.items()}
     out["residual"] = np.asarray(result.residual).tolist()
+    out["misfit"] = None if result.misfit is None else result.misfit.tolist()
+    if sequence is not None:
+        out["points"] = points_of(result, sequence)
     out["seconds"] = {s.name: s.seconds for s in result.stages}
     out["seed"] = result.seed
     out["notes"] = list(result.notes)

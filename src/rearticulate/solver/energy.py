@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.geometry.nearest import nearest
+from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import inverse, transform
 from rearticulate.solver.frames import Frames
 
@@ -61,6 +61,17 @@ def energy(frames: Frames, T: Array, labels: IntArray) -> float:
     P = T.shape[1]
     empty = int((np.bincount(labels, minlength=P) < EMPTY * frames.n_frames).sum())
     return misfit + PER_JOINT * (P - 1) + PER_EMPTY * empty + PER_BORDER * border_length(frames, labels)
+
+
+def sampling_distance(frames: Frames) -> Array:
+    """(F,) what `frame_residual` of an exact model would be, in spacings: mean distance of one random half of a frame's
+    points to the other, which has half the density; distances in a surface go with its inverse square root."""
+    rng, out = np.random.default_rng(0), np.zeros(frames.n_frames)
+    for f in range(frames.n_frames):
+        points = rng.permutation(frames.points[frames.rows(f)])
+        half = len(points) // 2
+        out[f] = nearest(search_tree(points[:half]), points[half:])[0].mean() / np.sqrt(2)
+    return out
 
 
 def frame_residual(frames: Frames, canonical: int, T: Array, labels: IntArray) -> Array:
