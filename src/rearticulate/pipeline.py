@@ -20,6 +20,7 @@ from rearticulate.records import FitResult, PointSequence, StageTime
 from rearticulate.results import Candidate, to_result
 from rearticulate.solver.articulate import articulate
 from rearticulate.solver.articulated import Articulated
+from rearticulate.solver.device import choose_device
 from rearticulate.solver.energy import energy
 from rearticulate.solver.flow import SceneFlow
 from rearticulate.solver.frames import Frames, make_frames
@@ -59,14 +60,17 @@ def fit(
     canonical: int | None = None,
     progress: Progress | None = None,
     store: StageStore | None = None,
+    device: str = "auto",
 ) -> FitResult:
     """Fit a rearticulable model to a sequence.
 
     canonical: the rest frame; None tries a few and keeps the lowest energy. progress(stage, fraction done of it).
-    store: where stage records are kept so that a stopped fit can go on. Raises InputError on a sequence that cannot
-    be fitted. The same seed gives the same bits on one type of CPU (`FitResult.machine`).
+    store: where stage records are kept so that a stopped fit can go on. device: auto, cpu, or cuda, for the paper's
+    solver (`solver.device`). Raises InputError on a sequence that cannot be fitted. The same seed gives the same bits
+    on one type of CPU (`FitResult.machine`).
     """
     config = config or FitConfig()
+    device = choose_device(device, config)
     check_sequence(sequence)
     F = len(sequence)
     if canonical is not None and not 0 <= canonical < F:
@@ -79,11 +83,12 @@ def fit(
     known = complete_frames(np.diff(frames.start))
     if (canonical is not None and canonical not in known) or config.deviation.joints == "ball":
         known = np.arange(F)
+    clock("prepare", 0.5)
     shown = frames.take(known)
     labeller = Labeller(shown, config.label)
     clock("prepare", 1.0)
     flow = scene_flow(shown, config, clock)
-    solver = Solver(shown, flow, labeller, config, seed, clock, store, fingerprint(sequence, config, seed))
+    solver = Solver(shown, flow, labeller, config, seed, clock, store, fingerprint(sequence, config, seed), device)
     silent = dataclasses.replace(solver, clock=Clock(None))
     place = None if canonical is None else int(np.searchsorted(known, canonical))
     tried = canonical_frames(np.diff(shown.start), place, config)
@@ -137,7 +142,7 @@ def scene_flow(frames: Frames, config: FitConfig, progress: Progress) -> tuple[S
     from rearticulate.solver.neural.observe import observed_flow
 
     progress("flow", 0.0)
-    return observed_flow(frames, config)
+    return observed_flow(frames, config, lambda done: progress("flow", done))
 
 
 def fingerprint(sequence: PointSequence, config: FitConfig, seed: int) -> str:
@@ -160,6 +165,7 @@ class Solver:
     clock: Clock
     store: StageStore
     mark: str
+    device: str
 
     def candidate(self, canonical: int) -> Candidate:
         relaxed = self.relaxed(canonical)
@@ -184,7 +190,9 @@ class Solver:
         if model is None or neural:
             from rearticulate.solver.neural.relax import relax_neural
 
-            model = relax_neural(self.frames, canonical, self.flow, self.config.neural, rng, self.clock, model)
+            model = relax_neural(
+                self.frames, canonical, self.flow, self.config.neural, rng, self.clock, model, self.device
+            )
         self.store.save(f"relaxed-{canonical}", self.mark, vars(model))
         return model
 
@@ -192,7 +200,9 @@ class Solver:
         if self.config.articulate == "paper":
             from rearticulate.solver.neural.articulate import articulate_paper
 
-            tree, labels, cost = articulate_paper(self.frames, canonical, relaxed, self.flow, self.config, self.clock)
+            tree, labels, cost = articulate_paper(
+                self.frames, canonical, relaxed, self.flow, self.config, self.clock, self.device
+            )
             return Candidate(canonical, tree, labels, cost, relaxed)
         rng = np.random.default_rng([self.seed, canonical, 1])
         tree, labels = articulate(self.frames, canonical, relaxed, self.labeller, self.config, rng, self.clock)

@@ -36,13 +36,14 @@ class FitOptions:
     report: bool = True
 
     def resolve(self) -> FitConfig:
-        """The configuration: a preset, changed by the file."""
-        if self.device not in ("auto", "cpu", "cuda"):
-            raise InputError(f"--device must be auto, cpu or cuda, not {self.device!r}")
-        if self.device == "cuda":
-            raise InputError(f"--device cuda: the preset {self.preset!r} runs on the CPU; use auto or cpu")
+        """The configuration: a preset, changed by the file. Raises InputError where the device has no use or is not
+        there."""
+        from rearticulate.solver.device import choose_device
+
         base = preset(self.preset)
-        return base if self.config is None else load_config(self.config, base)
+        config = base if self.config is None else load_config(self.config, base)
+        choose_device(self.device, config)
+        return config
 
     def canonical_frame(self) -> int | None:
         """The frame asked for; None for auto."""
@@ -108,7 +109,15 @@ def fit_with_progress(
     try:
         with StageProgress() as progress:
             store = StageStore(stages)
-            return fit(sequence, config, seed=options.seed, canonical=canonical, progress=progress, store=store)
+            return fit(
+                sequence,
+                config,
+                seed=options.seed,
+                canonical=canonical,
+                progress=progress,
+                store=store,
+                device=options.device,
+            )
     except KeyboardInterrupt:
         kept = stages.is_dir() and any(stages.iterdir())
         raise KeyboardInterrupt("interrupted" + ("; --resume goes on from here" if kept else "")) from None

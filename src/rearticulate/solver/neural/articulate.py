@@ -27,10 +27,12 @@ def articulate_paper(
     flow: Sequence[SceneFlow],
     config: FitConfig,
     progress: Callable[[str, float], None],
+    device: str = "cpu",
 ) -> tuple[Articulated | BallTree, IntArray, float]:
     """The tree, the labels (M,) of all points, and what the canonical frame is chosen by: E_project + E_group."""
     progress("project", 0.0)
     model = merge_still(frames, canonical, relaxed, config.deviation)
+    progress("project", 0.5)
     root = choose_root(frames, canonical, model, config.project)
     if config.deviation.joints == "ball":
         start, labels, cost = project_balls(frames, canonical, model, config.deviation, root)
@@ -39,6 +41,6 @@ def articulate_paper(
         start, labels = projection.tree, projection.starts[0]
     cost += centred(frames, canonical, model, config.deviation.radius).spread()
     progress("project", 1.0)
-    tree = refine(frames, canonical, start, labels, flow, config.neural, progress)
+    tree = refine(frames, canonical, start, labels, flow, config.neural, progress, device)
     labels = spread_labels(frames, canonical, tree.forward(), labels[frames.rows(canonical)])
     return tree, labels, cost

@@ -34,7 +34,7 @@ class PointChoices(nn.Module):
 
     def __init__(self, parts: int, n: int, generator: torch.Generator):
         super().__init__()
-        self.logits = nn.Parameter(FIRST_LOGIT * torch.randn((n, parts), generator=generator))
+        self.logits = nn.Parameter(FIRST_LOGIT * torch.randn((n, parts), generator=generator, device=generator.device))
 
     def forward(self, points: Tensor) -> Tensor:
         """(N, 3), the canonical points -> (N, P)."""
@@ -43,7 +43,7 @@ class PointChoices(nn.Module):
 
 def _linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
     """torch's usual layer, drawn from `generator`."""
-    layer = nn.Linear(inputs, outputs, device="meta").to_empty(device="cpu")
+    layer = nn.Linear(inputs, outputs, device="meta").to_empty(device=generator.device)
     for parameter in layer.parameters():
         nn.init.uniform_(parameter, -(inputs**-0.5), inputs**-0.5, generator=generator)
     return layer
@@ -51,7 +51,7 @@ def _linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
 
 def draw_parts(logits: Tensor, temperature: float, generator: torch.Generator) -> Tensor:
     """(N, P) one drawn part a point, one-hot; its gradient is that of the softmax of the same draw."""
-    noise = -(-torch.rand(logits.shape, generator=generator, dtype=logits.dtype).log()).log()
+    noise = -(-torch.rand(logits.shape, generator=generator, dtype=logits.dtype, device=logits.device).log()).log()
     soft = ((logits + noise) / temperature).softmax(dim=1)
     hard = torch.zeros_like(soft).scatter_(1, soft.argmax(dim=1, keepdim=True), 1.0)
     return hard + soft - soft.detach()

@@ -13,16 +13,20 @@ from rearticulate.geometry.se3 import transform
 from rearticulate.solver.flow import SceneFlow
 from rearticulate.solver.frames import Frames
 from rearticulate.solver.guess import Guesses
+from rearticulate.solver.progress import Told, untold
 from rearticulate.solver.track import make_patches, register_patches
 
 
-def observed_flow(frames: Frames, config: FitConfig) -> tuple[SceneFlow, ...]:
+def observed_flow(frames: Frames, config: FitConfig, told: Told = untold) -> tuple[SceneFlow, ...]:
     """One record a pair of successive frames."""
-    guesses = Guesses(frames)
-    steps = range(frames.n_frames - 1)
-    if config.neural.refined:
-        return tuple(registered_flow(frames, guesses, f, config.track) for f in steps)
-    return tuple(guesses.flow(f, f + 1, config.neural.ratio) for f in steps)
+    guesses, found = Guesses(frames), []
+    for f in range(frames.n_frames - 1):
+        if config.neural.refined:
+            found.append(registered_flow(frames, guesses, f, config.track))
+        else:
+            found.append(guesses.flow(f, f + 1, config.neural.ratio))
+        told((f + 1) / (frames.n_frames - 1))
+    return tuple(found)
 
 
 def registered_flow(frames: Frames, guesses: Guesses, f: int, config: TrackConfig) -> SceneFlow:

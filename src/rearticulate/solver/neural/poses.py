@@ -23,7 +23,7 @@ def to_matrices(poses: Tensor) -> Tensor:
 
 def with_identity(T: Tensor, canonical: int) -> Tensor:
     """(F - 1, P, 3, 4) motions to all frames but the canonical one -> (F, P, 3, 4), the identity there."""
-    still = torch.eye(3, 4, dtype=T.dtype).expand(1, T.shape[1], 3, 4)
+    still = torch.eye(3, 4, dtype=T.dtype, device=T.device).expand(1, T.shape[1], 3, 4)
     return torch.cat([T[:canonical], still, T[canonical:]])
 
 

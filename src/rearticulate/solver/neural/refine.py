@@ -31,10 +31,10 @@ class Tree(nn.Module):
     def __init__(self, parent: IntArray, T_root: Array, labels: IntArray, scene: Scene):
         super().__init__()
         self.scene, self.parent = scene, parent.tolist()
-        self.points = torch.from_numpy(scene.canonical_points)
-        self.weights = torch.nn.functional.one_hot(torch.from_numpy(labels), len(parent)).float()
+        self.points = scene.tensor(scene.canonical_points)
+        self.weights = torch.nn.functional.one_hot(scene.tensor(labels), len(parent)).float()
         self.others = np.arange(len(T_root)) != scene.canonical
-        self.root = nn.Parameter(from_matrices(torch.from_numpy(scene.poses_in(T_root)[self.others])).float())
+        self.root = nn.Parameter(from_matrices(scene.tensor(scene.poses_in(T_root)[self.others])).float())
 
     def steps(self) -> Tensor:
         """(F - 1, P, 3, 4) motion of every part against its parent; the root's own has no effect."""
@@ -71,10 +71,10 @@ class ScrewTree(Tree):
     def __init__(self, tree: Articulated, labels: IntArray, scene: Scene):
         super().__init__(tree.parent, tree.T_root, labels, scene)
         self.lengths = np.where(tree.revolute, 1.0, scene.scale)
-        self.turning = torch.from_numpy(tree.revolute).float()
-        self.axis = _parameter(tree.axes)
-        self.origin = _parameter(scene.scale * (tree.feet - scene.centre))
-        self.q = _parameter((tree.q * self.lengths)[self.others])
+        self.turning = scene.tensor(tree.revolute).float()
+        self.axis = _parameter(scene, tree.axes)
+        self.origin = _parameter(scene, scene.scale * (tree.feet - scene.centre))
+        self.q = _parameter(scene, (tree.q * self.lengths)[self.others])
 
     def steps(self) -> Tensor:
         return screw_steps(nn.functional.normalize(self.axis, dim=1), self.origin, self.q, self.turning)
@@ -95,9 +95,9 @@ class BallJoints(Tree):
 
     def __init__(self, tree: BallTree, labels: IntArray, scene: Scene):
         super().__init__(tree.parent, tree.T_root, labels, scene)
-        self.centre = _parameter(scene.scale * (tree.centre - scene.centre))
+        self.centre = _parameter(scene, scene.scale * (tree.centre - scene.centre))
         R = exp_se3(np.concatenate([tree.turn, np.zeros_like(tree.turn)], axis=-1))
-        self.turn = nn.Parameter(from_matrices(torch.from_numpy(R[self.others])).float()[..., :6])
+        self.turn = nn.Parameter(from_matrices(scene.tensor(R[self.others])).float()[..., :6])
 
     def steps(self) -> Tensor:
         R = rotations(self.turn)
@@ -112,11 +112,11 @@ class BallJoints(Tree):
 
 
 def _read(values: Tensor) -> Array:
-    return values.detach().double().numpy()
+    return values.detach().double().numpy(force=True)
 
 
-def _parameter(values: Array) -> nn.Parameter:
-    return nn.Parameter(torch.from_numpy(np.asarray(values, dtype=np.float32)))
+def _parameter(scene: Scene, values: Array) -> nn.Parameter:
+    return nn.Parameter(scene.tensor(np.asarray(values, dtype=np.float32)))
 
 
 def compose(a: Tensor, b: Tensor) -> Tensor:
@@ -133,7 +133,7 @@ def screw_steps(axis: Tensor, origin: Tensor, q: Tensor, turning: Tensor) -> Ten
     x, y, z = axis.unbind(dim=1)
     K = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=1).reshape(-1, 3, 3)
     angle = (q * turning)[..., None, None]
-    R = torch.eye(3, dtype=q.dtype) + angle.sin() * K + (1 - angle.cos()) * (K @ K)
+    R = torch.eye(3, dtype=q.dtype, device=q.device) + angle.sin() * K + (1 - angle.cos()) * (K @ K)
     shift = origin[:, :, None] - R @ origin[:, :, None] + (q * (1 - turning))[..., None, None] * axis[:, :, None]
     return torch.cat([R, shift], dim=-1)
 
@@ -146,9 +146,10 @@ def refine(
     flow: Sequence[SceneFlow],
     config: NeuralConfig,
     progress: Callable[[str, float], None],
+    device: str = "cpu",
 ) -> Articulated | BallTree:
     """Adam over the joints, their values and the root poses on all three energy terms; labels (M,) stay."""
-    scene = make_scene(frames, canonical, flow, config.radius)
+    scene = make_scene(frames, canonical, flow, config.radius, device)
     own = labels[frames.rows(canonical)]
     with threadpool_limits(1):
         if isinstance(tree, BallTree):

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import repeat
+from typing import Any
 
 import numpy as np
 import torch
@@ -21,7 +22,7 @@ from rearticulate.geometry.nearest import farthest_points, nearest, rms_radius, 
 from rearticulate.geometry.se3 import from_unit, to_unit
 from rearticulate.solver.flow import SceneFlow
 from rearticulate.solver.frames import Frames
-from rearticulate.solver.neural.correspondences import Assignments, Chamfer, Flow, kept
+from rearticulate.solver.neural.correspondences import Assignments, Chamfer, Find, Flow, kept
 from rearticulate.solver.neural.energies import assignment_energy, chamfer_energy, flow_energy
 from rearticulate.solver.neural.field import PartField, PointChoices, cosine, draw_parts, fit_labels
 from rearticulate.solver.neural.poses import IDENTITY, from_matrices, move, to_matrices, with_identity
@@ -39,7 +40,7 @@ class Scene:
     """The frames as the fit sees them: about the centroid of the canonical points, in a unit of its own.
 
     points (M, 3) of all frames, start (F + 1,), flow between neighbouring frames. scale: of a point spacing;
-    centre (3,): in point spacings.
+    centre (3,): in point spacings. device: where its tensors are.
     """
 
     points: Array
@@ -48,6 +49,11 @@ class Scene:
     flow: tuple[SceneFlow, ...]
     scale: float
     centre: Array
+    device: str = "cpu"
+
+    def tensor(self, values: NDArray[Any]) -> Tensor:
+        """On the device of the scene."""
+        return torch.from_numpy(values).to(self.device)
 
     @property
     def canonical_points(self) -> Array:
@@ -63,7 +69,7 @@ class Scene:
         return from_unit(T, 1 / self.scale, self.centre)
 
 
-def make_scene(frames: Frames, canonical: int, flow: Sequence[SceneFlow], radius: float) -> Scene:
+def make_scene(frames: Frames, canonical: int, flow: Sequence[SceneFlow], radius: float, device: str = "cpu") -> Scene:
     """Scale the canonical points to an rms distance `radius` from their centroid."""
     points = frames.points[frames.rows(canonical)]
     centre = points.mean(axis=0)
@@ -75,6 +81,7 @@ def make_scene(frames: Frames, canonical: int, flow: Sequence[SceneFlow], radius
         flow=tuple(SceneFlow(scale * (pair.anchors - centre), scale * pair.vectors) for pair in flow),
         scale=scale,
         centre=centre,
+        device=device,
     )
 
 
@@ -84,20 +91,20 @@ class Model(nn.Module):
     def __init__(self, scene: Scene, parts: int, config: NeuralConfig, generator: torch.Generator):
         super().__init__()
         self.canonical, self.config, self.generator = scene.canonical, config, generator
-        self.points = torch.from_numpy(scene.canonical_points)
+        self.points = scene.tensor(scene.canonical_points)
         self.field = (
             PartField(parts, config.hidden, generator)
             if config.field
             else PointChoices(parts, len(self.points), generator)
         )
-        still = torch.tensor([*IDENTITY, 0.0, 0.0, 0.0])
+        still = torch.tensor([*IDENTITY, 0.0, 0.0, 0.0], device=scene.device)
         self.poses = nn.Parameter(still.repeat(len(scene.start) - 2, parts, 1))
 
     def start_from(self, scene: Scene, labels: IntArray, T: Array) -> None:
         """Take over labels (N,) of the canonical points and motions T (F, P, 4, 4) in the frames' units."""
-        fit_labels(self.field, self.points, torch.from_numpy(labels), self.config)
+        fit_labels(self.field, self.points, scene.tensor(labels), self.config)
         others = np.delete(scene.poses_in(T), self.canonical, axis=0)
-        self.poses.data = from_matrices(torch.from_numpy(others)).to(self.poses.dtype)
+        self.poses.data = from_matrices(scene.tensor(others)).to(self.poses.dtype)
 
     def matrices(self, poses: Tensor) -> Tensor:
         """(F, P, 3, 4) with the identity at the canonical frame."""
@@ -115,12 +122,12 @@ class Model(nn.Module):
     def labels(self) -> IntArray:
         """(N,) likeliest part of the canonical points."""
         with torch.no_grad():
-            return self.field(self.points).argmax(dim=1).numpy()
+            return self.field(self.points).argmax(dim=1).numpy(force=True)
 
     def motions(self) -> Array:
         """(F, P, 4, 4) in double precision."""
         with torch.no_grad():
-            top = self.matrices(self.poses.double()).numpy()
+            top = self.matrices(self.poses.double()).numpy(force=True)
         T = np.zeros((*top.shape[:2], 4, 4))
         T[..., :3, :], T[..., 3, 3] = top, 1.0
         return T
@@ -134,21 +141,23 @@ def relax_neural(
     rng: np.random.Generator,
     progress: Callable[[str, float], None],
     start: Relaxed | None = None,
+    device: str = "cpu",
 ) -> Relaxed:
     """Fit a relaxed model to the frames and the flow between them, both in the frames' units.
 
     flow: one record a pair of neighbouring frames. start: a model whose labels and poses the fit begins with; without
-    it all parts begin at rest, as `config.start` says. On one thread, so that the same rng gives the same bits.
+    it all parts begin at rest, as `config.start` says. On one thread, so that the same rng gives the same bits. device:
+    of the descent; correspondences are found on the CPU.
     """
     progress("relax", 0.0)
-    scene = make_scene(frames, canonical, flow, config.radius)
-    generator = torch.Generator().manual_seed(int(rng.integers(2**63)))
+    scene = make_scene(frames, canonical, flow, config.radius, device)
+    generator = torch.Generator(device).manual_seed(int(rng.integers(2**63)))
     with threadpool_limits(1):
         model = Model(scene, config.parts if start is None else start.n_parts, config, generator)
         if start is not None:
             model.start_from(scene, start.labels[frames.rows(canonical)], start.T)
         elif config.start == "cells":
-            fit_labels(model.field, model.points, torch.from_numpy(cells(scene.canonical_points, config.parts)), config)
+            fit_labels(model.field, model.points, scene.tensor(cells(scene.canonical_points, config.parts)), config)
         told = 0
         for done in descend(model, scene, config):
             if done * REPORTS > told:
@@ -199,25 +208,31 @@ def total(*terms: Energy | None) -> Energy:
     return lambda x: torch.stack([term(x) for term in terms if term is not None]).sum()
 
 
+def ask(find: Find, x: Tensor) -> tuple[Tensor, Tensor]:
+    """Correspondences of moved points, where these are."""
+    a, b = find(x.numpy(force=True))
+    return a.to(x.device), b.to(x.device)
+
+
 def chamfer_term(scene: Scene, config: NeuralConfig) -> Energy:
     """Weighted E_CD of the moved points."""
-    target = torch.from_numpy(scene.points)
+    target = scene.tensor(scene.points)
     find = kept(Chamfer(scene.points, scene.start, scene.canonical).find, config.chamfer_every)
-    return lambda x: config.chamfer * chamfer_energy(x, target, *find(x.detach().numpy()))
+    return lambda x: config.chamfer * chamfer_energy(x, target, *ask(find, x))
 
 
 def emd_term(scene: Scene, config: NeuralConfig) -> Energy:
     """Weighted E_EMD."""
-    target = torch.from_numpy(scene.points)
+    target = scene.tensor(scene.points)
     search = Assignments(scene.points, scene.start, scene.canonical, config.emd_thinning)
     find = kept(search.find, config.emd_every)
-    return lambda x: config.emd * assignment_energy(x, target, *find(x.detach().numpy()))
+    return lambda x: config.emd * assignment_energy(x, target, *ask(find, x))
 
 
 def flow_term(scene: Scene, config: NeuralConfig) -> Energy:
     """Weighted E_flow."""
     find = kept(Flow(scene.flow, len(scene.canonical_points), config).find, config.flow_every)
-    return lambda x: config.flow * flow_energy(x, *find(x.detach().numpy()))
+    return lambda x: config.flow * flow_energy(x, *ask(find, x))
 
 
 def dissolve(frames: Frames, canonical: int, model: Relaxed, minimum: int) -> Relaxed:
