@@ -99,6 +99,7 @@ def fit(
     if isinstance(best.tree, Articulated):
         best = Candidate(c, *fill_in(frames, known, c, best.tree, best.labels), best.energy, best.relaxed)
     clock("finish", 0.0)
+    clock("finish", 0.5)
     result = to_result(sequence, chosen, frames, best, config, seed, energies)
     clock("finish", 1.0)
     stages = tuple(StageTime(name, seconds) for name, seconds in clock.seconds.items())
