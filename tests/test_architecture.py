@@ -14,7 +14,9 @@ import rearticulate
 ROOT = Path(rearticulate.__file__).parent
 LAYERS = [
     {"errors", "extras", "machine", "parallel"},
-    {"geometry"},
+    {"bounds"},
+    {"jsons", "geometry"},
+    {"schema", "invariants"},
     {"records"},
     {"config"},
     {"io", "solver", "network", "pose", "evaluation", "synth"},

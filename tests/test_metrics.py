@@ -135,7 +135,9 @@ def test_a_root_that_is_off_by_a_centimetre():
 
 def test_a_fit_of_one_part():
     sequence, truth = hinge()
-    result = perfect_fit(sequence, replace(truth, parent=np.array([-1]), labels=tuple(0 * p for p in truth.labels)))
+    labels = tuple(0 * part for part in truth.labels)
+    alone = GroundTruth(labels, truth.poses[:, :1], np.array([-1]), truth.novel[:, :1])
+    result = perfect_fit(sequence, alone)
     found = scores(result, truth, sequence)
     assert (found["parts"], found["parts_true"]) == (1, 2)
     assert found["rand_index"] == found["rand_index_multi_scan"] == found["rand_index_per_scan"] == 0.5

@@ -191,8 +191,11 @@ def test_joints_that_nothing_constrains_stay(saved: Path, tmp_path: Path) -> Non
         ({"clicks": []}, "no clicks; give"),
         ([1], "no clicks; give"),
         ({"clicks": [3]}, 'click 0 must have "source" and "target"'),
-        ({"clicks": [{"source": [0, 0, 0]}]}, "target of click 0 must be three finite numbers"),
-        ({"clicks": [{"source": [0, 0, "x"], "target": [0, 0, 0]}]}, "source of click 0 must be three finite numbers"),
+        ({"clicks": [{"source": [0, 0, 0]}]}, "target of click 0 must be finite numbers of shape 3"),
+        (
+            {"clicks": [{"source": [0, 0, "x"], "target": [0, 0, 0]}]},
+            "source of click 0 must be finite numbers",
+        ),
         ({"clicks": [{"source": [0, 0, 0], "target": [0, 0, 0], "part": "leg"}]}, "no part is called 'leg'"),
         ({"clicks": [{"source": [0, 0, 0], "target": [0, 0, 0], "part": 1}]}, "part of click 0 must be the name"),
     ],

@@ -13,3 +13,9 @@ class FitError(RuntimeError):
 
 class InputWarning(UserWarning):
     """The input can be used but something in it was dropped or looks odd; one line."""
+
+
+def one_line(error: Exception) -> str:
+    """An exception's message on one line of bearable length, or its type."""
+    text = " ".join(str(error).split())
+    return text[:120] or type(error).__name__

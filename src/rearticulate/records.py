@@ -2,23 +2,45 @@
 
 F frames, N points, P parts. Joint j *is* the joint of part j to its parent, so there is no edge list.
 Metres and radians throughout. `T_a_b` maps b-coordinates to a.
+
+Ground truths, models, motions and results are checked when they are made, whoever makes them: array fields may be given
+as anything that NumPy takes for an array and become float64 or int64; what cannot be is an InputError of one line.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from rearticulate.bounds import CountOrZero, Seed, conform
+from rearticulate.errors import InputError
 from rearticulate.geometry.kinematics import chain
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
+from rearticulate.invariants import check_axes, check_kinds, check_limits, check_names, check_tree
+from rearticulate.schema import as_array, conform_fields, real, rigid, whole
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 JointType = Literal["floating", "fixed", "revolute", "prismatic", "spherical"]
+TRUE_TYPES = ("", *get_args(JointType))  # of a ground truth, "" at the root
+
+_LABELS = whole("N", 0, below="P")
+_TRUTH = {"parent": whole("P", -1, below="P"), "poses": rigid("F P 4 4"), "novel": rigid("K P 4 4")}
+_TRUE_JOINTS = {"joint_axis": real("P 3"), "joint_point": real("P 3"), "joint_state": real("F P")}
+_MODEL = {
+    "parent": whole("P", -1, below="P"),
+    "axis": real("P 3"),
+    "origin": real("P 3"),
+    "limits": real("P 2"),
+    "points": real("N 3"),
+    "labels": _LABELS,
+}
+_MOTION = {"q": real("F D"), "T_world_root": rigid("F 4 4")}
 
 
 @dataclass(frozen=True)
@@ -50,6 +72,13 @@ class PointSequence:
         return len(self.points)
 
 
+def frame_labels(labels: Sequence[Any], P: int) -> tuple[IntArray, ...]:
+    """One (N_f,) array of part numbers a frame, checked."""
+    if not isinstance(labels, (tuple, list)) and np.ndim(labels) == 0:
+        raise InputError(f"labels must be one array of part numbers a frame, not {labels!r}")
+    return tuple(as_array(f"labels of frame {f}", frame, _LABELS, {"P": P}) for f, frame in enumerate(labels))
+
+
 @dataclass(frozen=True)
 class GroundTruth:
     """What evaluation knows and the fitter never sees.
@@ -62,7 +91,7 @@ class GroundTruth:
     None where the source does not tell.
     """
 
-    labels: tuple[IntArray, ...]
+    labels: Sequence[IntArray]
     poses: Array
     parent: IntArray
     novel: Array
@@ -70,6 +99,15 @@ class GroundTruth:
     joint_axis: Array | None = None
     joint_point: Array | None = None
     joint_state: Array | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "labels", frame_labels(self.labels, np.size(self.parent)))
+        conform_fields(self, _TRUTH, F=len(self.labels))
+        check_tree(self.parent, in_order=False)
+        if self.joint_type is not None:
+            conform_fields(self, _TRUE_JOINTS, F=len(self.labels), P=len(self.parent))
+            check_kinds(self.joint_type, TRUE_TYPES, self.parent, at_root="")
+            check_axes(self.joint_type, np.asarray(self.joint_axis))
 
     def motion(self, canonical: int) -> Array:
         """(F, P, 4, 4) motion of every part from the canonical frame to each frame."""
@@ -100,6 +138,17 @@ class KinematicModel:
     names: tuple[str, ...]
     points: Array
     labels: IntArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "canonical", conform("canonical", self.canonical, CountOrZero))
+        conform_fields(self, _MODEL)
+        if not len(self.points) or not self.n_parts:
+            raise InputError(f"a model needs points and parts, it has {len(self.points)} and {self.n_parts}")
+        check_names("part", self.names, self.n_parts)
+        check_tree(self.parent)
+        check_kinds(self.joint_type, get_args(JointType), self.parent, at_root="floating")
+        check_axes(self.joint_type, self.axis)
+        check_limits(self.joint_type, self.limits)
 
     @property
     def n_parts(self) -> int:
@@ -164,6 +213,9 @@ class Motion:
 
     q: Array
     T_world_root: Array
+
+    def __post_init__(self) -> None:
+        conform_fields(self, _MOTION)
 
     def posture(self, frame: int) -> Posture:
         """That of one frame."""
@@ -262,6 +314,26 @@ class FitResult:
         if self.sampling is None:
             return None
         return np.sqrt(np.maximum(self.residual**2 - self.sampling**2, 0.0))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "labels", frame_labels(self.labels, self.model.n_parts))
+        F, P = len(self.labels), self.model.n_parts
+        if self.model.canonical >= F:
+            raise InputError(f"the canonical frame is {self.model.canonical}, there are frames 0 to {F - 1}")
+        conform_fields(self, {"residual": real("F", 0)}, F=F)
+        shapes = {"q": (F, self.model.n_values), "T_world_root": (F, 4, 4)}
+        for name, shape in shapes.items():
+            if getattr(self.motion, name).shape != shape:
+                found = getattr(self.motion, name).shape
+                raise InputError(f"{name} has shape {found}, expected {shape}: the number of frames or parts differs")
+        if len(self.joints) != P:
+            raise InputError(f"there are diagnostics of {len(self.joints)} joints, expected one of each of {P} parts")
+        unknown = [frame for frame in self.energies if frame not in range(F)]
+        if unknown:
+            raise InputError(f"energies name frame {unknown[0]!r}, there are frames 0 to {F - 1}")
+        if not isinstance(self.config, dict):
+            raise InputError(f"config must be a dict of settings, not {type(self.config).__name__}")
+        conform("seed", self.seed, Seed)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.floating]
 
 _SMALL = 1e-4  # below this angle the Taylor series is exact to round-off
+_RIGID = 1e-5
 
 
 def hat(w: Array) -> Array:
@@ -94,6 +95,15 @@ def inverse(T: Array) -> Array:
     out[..., :3, 3] = -(R_t @ T[..., :3, 3:])[..., 0]
     out[..., 3, 3] = 1.0
     return out
+
+
+def is_rigid(T: Array) -> NDArray[np.bool_]:
+    """(...,) True where transforms (..., 4, 4) are rigid motions, to 1e-5."""
+    R = T[..., :3, :3]
+    with np.errstate(all="ignore"):
+        off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max(axis=(-2, -1))
+        right_handed = np.linalg.det(R) > 0
+    return (off < _RIGID) & right_handed & (np.abs(T[..., 3, :] - [0, 0, 0, 1]).max(axis=-1) < _RIGID)
 
 
 def from_unit(T: Array, unit: float, centre: Array) -> Array:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rearticulate.errors import InputError
-from rearticulate.io.jsons import read_json
+from rearticulate.jsons import json_array, read_json
 from rearticulate.records import Array
 
 
@@ -42,13 +42,7 @@ def load_clicks(path: Path) -> Clicks:
 
 
 def _point(path: Path, k: int, click: dict[str, Any], key: str) -> Array:
-    try:
-        point = np.asarray(click.get(key), dtype=np.float64)
-    except (TypeError, ValueError):
-        point = np.empty(0)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        raise InputError(f"{path}: {key} of click {k} must be three finite numbers, x, y, z")
-    return point
+    return json_array(click.get(key), (3,), f"{path}: {key} of click {k}")
 
 
 def _part(path: Path, k: int, click: dict[str, Any]) -> str | None:

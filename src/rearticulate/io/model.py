@@ -39,28 +39,40 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
-from rearticulate.errors import InputError
+from rearticulate.bounds import FAR, shown
+from rearticulate.errors import InputError, one_line
 from rearticulate.io.atomic import atomic_folder
-from rearticulate.io.jsons import read_json
-from rearticulate.io.npz import load_arrays, one_line, write_arrays
+from rearticulate.io.npz import load_arrays, write_arrays
 from rearticulate.io.palette import part_colors
 from rearticulate.io.ply import write_cloud
+from rearticulate.jsons import json_array, read_json
 from rearticulate.records import (
     FitResult,
     IntArray,
     JointDiagnostics,
-    JointType,
     KinematicModel,
     Motion,
     PointSequence,
     StageTime,
 )
+from rearticulate.schema import conform, real, rigid, whole
 
 FORMAT = 1
+_ARRAYS = {
+    "points": real("N 3"),
+    "labels": whole("N", 0),
+    "q": real("F D"),
+    "T_world_root": rigid("F 4 4"),
+    "residual": real("F", 0),
+    "frame_labels": whole("M", 0),
+    "frame_index": whole("M", 0),
+    "frame_points": real("M 3"),
+    "frame_offsets": whole("F+1", 0),
+}
 _UNITS = {"revolute": "rad", "prismatic": "m"}
 _MEASURED = ("residual", "axis_std", "origin_std", "runner_up_margin")  # null where not measured
 PathLike = str | os.PathLike[str]
@@ -117,24 +129,18 @@ def load_result(folder: PathLike) -> FitResult:
     folder = Path(folder)
     record, arrays = _read(folder)
     with _damage(folder):
-        model = _model(record, arrays)
-        motion = Motion(arrays["q"], arrays["T_world_root"])
-        labels = _split(arrays["frame_labels"], arrays["frame_offsets"])
-        F = len(labels)
-        shapes = (motion.q.shape, motion.T_world_root.shape, arrays["residual"].shape)
-        if shapes != ((F, model.n_values), (F, 4, 4), (F,)):
-            raise ValueError("the arrays disagree on the number of frames or parts")
+        parts = _parts(record)
         return FitResult(
-            model=model,
-            motion=motion,
-            labels=labels,
-            joints=tuple(_diagnostics(part["diagnostics"]) for part in record["parts"]),
-            energy=float(record["energy"]),
-            energies={int(frame): float(energy) for frame, energy in record["energies"].items()},
+            model=_model(record, parts, arrays),
+            motion=Motion(arrays["q"], arrays["T_world_root"]),
+            labels=_split(arrays["frame_labels"], arrays["frame_offsets"]),
+            joints=tuple(_diagnostics(part["diagnostics"]) for part in parts),
+            energy=_number(record["energy"], "energy"),
+            energies={int(frame): _number(energy, f"energy {frame}") for frame, energy in record["energies"].items()},
             residual=arrays["residual"],
-            stages=tuple(StageTime(str(s["name"]), float(s["seconds"])) for s in record["stages"]),
+            stages=tuple(_stage(stage) for stage in record["stages"]),
             config=record["config"],
-            seed=int(record["seed"]),
+            seed=record["seed"],
             notes=tuple(str(note) for note in record.get("notes", ())),
             machine=str(record.get("machine", "")),
             sampling=arrays.get("sampling"),
@@ -157,13 +163,11 @@ def load_model(path: PathLike) -> KinematicModel:
     folder = path.parent if path.name == "model.json" else path
     record, arrays = _read(folder)
     with _damage(folder):
-        return _model(record, arrays)
+        return _model(record, _parts(record), arrays)
 
 
 def _describe(result: FitResult) -> dict[str, Any]:
     model = result.model
-    if len(set(model.names)) < model.n_parts:
-        raise ValueError(f"part names must be unique: {', '.join(model.names)}")
     parts = [
         {
             "name": model.names[j],
@@ -254,11 +258,13 @@ def _read(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     path = folder / "model.json"
     record = read_json(path, absent=f"{folder}: no result here, it has no model.json")
     written = record.get("format") if isinstance(record, dict) else None
-    if not isinstance(written, int):
+    if type(written) is not int or written < 1:
         raise InputError(f"{path}: not a model of rearticulate, it has no format number")
     if written > FORMAT:
         raise InputError(f"{path}: format {written} is newer than this version reads ({FORMAT}); upgrade rearticulate")
-    return record, load_arrays(folder / "arrays.npz")
+    arrays = load_arrays(folder / "arrays.npz")
+    with _damage(folder):
+        return record, conform(arrays, _ARRAYS)
 
 
 @contextmanager
@@ -271,42 +277,62 @@ def _damage(folder: Path) -> Iterator[None]:
         raise InputError(f"{folder}: a damaged result ({one_line(error)})") from error
 
 
-def _model(record: dict[str, Any], arrays: dict[str, Any]) -> KinematicModel:
+def _parts(record: dict[str, Any]) -> list[dict[str, Any]]:
     parts = record["parts"]
+    if not isinstance(parts, list) or not parts or not all(isinstance(part, dict) for part in parts):
+        raise InputError("parts must be a list of one object or more")
+    return parts
+
+
+def _model(record: dict[str, Any], parts: list[dict[str, Any]], arrays: dict[str, Any]) -> KinematicModel:
     names = [part["name"] for part in parts]
-    if len(set(names)) < len(names):
-        raise ValueError("two parts have one name")
     for j, part in enumerate(parts):
         if (part["parent"] is None) != (j == 0) or part["parent"] not in [None, *names[:j]]:
-            raise ValueError(f"the parent of {part['name']!r} must be a part before it, none for the first")
-        if part["joint_type"] not in get_args(JointType):
-            raise ValueError(f"the joint type {part['joint_type']!r} of {part['name']!r} is not known")
-    points, labels = arrays["points"], arrays["labels"]
-    if points.shape != (len(labels), 3) or not np.isin(labels, np.arange(len(parts))).all():
-        raise ValueError("points and labels of arrays.npz do not fit the parts of model.json")
+            raise InputError(f"the parent of {shown(part['name'])} must be a part before it, none for the first")
     return KinematicModel(
-        canonical=int(record["canonical"]),
+        canonical=record["canonical"],
         parent=np.array([-1 if part["parent"] is None else names.index(part["parent"]) for part in parts]),
         joint_type=tuple(part["joint_type"] for part in parts),
         axis=_numbers(parts, "axis", 3),
         origin=_numbers(parts, "origin", 3),
         limits=_numbers(parts, "limits", 2),
         names=tuple(names),
-        points=points,
-        labels=labels,
+        points=arrays["points"],
+        labels=arrays["labels"],
     )
 
 
 def _numbers(parts: list[dict[str, Any]], key: str, width: int) -> np.ndarray:
-    return np.array([[float(x) for x in part[key]] for part in parts]).reshape(len(parts), width)
+    return np.array([json_array(part[key], (width,), f"{key} of part {j}") for j, part in enumerate(parts)])
 
 
 def _diagnostics(record: dict[str, Any]) -> JointDiagnostics:
-    measured = {key: None if record[key] is None else float(record[key]) for key in _MEASURED}
-    return JointDiagnostics(**{**record, **measured, "observed_range": float(record["observed_range"])})
+    measured = {key: None if record[key] in (None, "nan") else _number(record[key], key) for key in _MEASURED}
+    if not isinstance(record["determined"], bool):
+        raise InputError(f"determined must be true or false, not {shown(record['determined'])}")
+    for key in ("runner_up", "note"):
+        if not isinstance(record[key], str) or not record[key].isprintable():
+            raise InputError(f"{key} must be printable text, not {shown(record[key])}")
+    return JointDiagnostics(
+        **{**record, **measured, "observed_range": _number(record["observed_range"], "observed_range")}
+    )
+
+
+def _stage(record: dict[str, Any]) -> StageTime:
+    name, seconds = record["name"], _number(record["seconds"], "seconds")
+    if not isinstance(name, str) or not name.isprintable() or not 0 <= seconds < FAR:
+        raise InputError(f"a stage has a name and seconds, not {shown(record)}")
+    return StageTime(name, seconds)
+
+
+def _number(value: Any, what: str) -> float:
+    """A number as `_plain` writes it."""
+    if value in ("nan", "inf", "-inf"):
+        return float(value)
+    return float(json_array(value, (), what))
 
 
 def _split(flat: np.ndarray, offsets: IntArray) -> tuple[np.ndarray, ...]:
-    if offsets[0] != 0 or offsets[-1] != len(flat) or (np.diff(offsets) < 0).any():
-        raise ValueError("frame_offsets does not fit the arrays of the frames")
+    if not len(offsets) or offsets[0] != 0 or offsets[-1] != len(flat) or (np.diff(offsets) < 0).any():
+        raise InputError("frame_offsets does not fit the arrays of the frames")
     return tuple(np.split(flat, offsets[1:-1]))

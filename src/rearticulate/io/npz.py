@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rearticulate.errors import InputError
+from rearticulate.errors import InputError, one_line
 from rearticulate.io.atomic import atomic_file
 
 _PICKLED = "pickled Python objects are refused; save plain number arrays"
@@ -52,12 +52,6 @@ def read_errors(path: Path, what: str) -> Iterator[None]:
         if "allow_pickle" in str(error) or "Python objects" in str(error):
             raise InputError(f"{path}: {_PICKLED}") from error
         raise InputError(f"{path}: damaged or not a {what} ({one_line(error)})") from error
-
-
-def one_line(error: Exception) -> str:
-    """An exception's message on one line of bearable length, or its type."""
-    text = " ".join(str(error).split())
-    return text[:120] or type(error).__name__
 
 
 def load_arrays(path: Path) -> dict[str, Any]:

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from rearticulate.errors import InputError
-from rearticulate.geometry.se3 import exp_se3, log_se3
+from rearticulate.geometry.se3 import is_rigid
 from rearticulate.io.atomic import atomic_file
-from rearticulate.io.jsons import read_json
+from rearticulate.jsons import json_array, read_json
 from rearticulate.records import KinematicModel, Posture
 
 FORMAT = 1
@@ -40,9 +40,9 @@ def load_posture(path: PathLike, model: KinematicModel) -> Posture:
     q = np.zeros(model.n_values)
     for name, value in joints.items():
         where = model.values(joint_number(model, name, f"{path}: "))
-        q[where] = _numbers(path, name, value, (len(where),) if len(where) > 1 else ()).reshape(-1)
-    root = _numbers(path, "T_world_root", record.get("T_world_root", np.eye(4).tolist()), (4, 4))
-    if not np.allclose(exp_se3(log_se3(root)), root, atol=1e-5):
+        q[where] = json_array(value, (len(where),) if len(where) > 1 else (), f"{path}: {name}").reshape(-1)
+    root = json_array(record.get("T_world_root", np.eye(4).tolist()), (4, 4), f"{path}: T_world_root")
+    if not is_rigid(root):
         raise InputError(f"{path}: T_world_root is not a rigid motion")
     return Posture(q, root)
 
@@ -62,14 +62,3 @@ def joint_number(model: KinematicModel, name: str, where: str = "") -> int:
         known = ", ".join(model.names[1:]) or "none"
         raise InputError(f"{where}no joint is called {name!r}; the joints are {known}")
     return model.names.index(name)
-
-
-def _numbers(path: PathLike, name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        array = np.empty(0)
-    if array.shape != shape or not np.isfinite(array).all():
-        wanted = "a finite number" if not shape else f"finite numbers of shape {' x '.join(map(str, shape))}"
-        raise InputError(f"{path}: {name} must be {wanted}")
-    return array

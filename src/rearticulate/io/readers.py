@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.errors import InputError
-from rearticulate.io.npz import one_line, open_numpy, read_errors
+from rearticulate.errors import InputError, one_line
+from rearticulate.io.npz import open_numpy, read_errors
 from rearticulate.io.ply import read_cloud, read_header
 
 Points = NDArray[Any]

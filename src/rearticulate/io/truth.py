@@ -18,7 +18,7 @@ import numpy as np
 from rearticulate.errors import InputError
 from rearticulate.io.npz import load_arrays, save_arrays
 from rearticulate.io.readers import natural_order
-from rearticulate.records import GroundTruth, IntArray
+from rearticulate.records import GroundTruth
 
 _JOINT_KEYS = ("joint_type", "joint_axis", "joint_point", "joint_state")
 
@@ -30,26 +30,28 @@ def load_truth(path: str | os.PathLike[str]) -> GroundTruth:
         raise InputError(f"{path}: ground truth is an .npz archive")
     arrays = load_arrays(path)
     missing = [key for key in ("poses", "parents") if key not in arrays]
-    labels = _labels(arrays)
-    if missing or not labels:
-        missing += [] if labels else ["labels"]
+    missing += [] if _label_keys(arrays) else ["labels"]
+    if missing:
         raise InputError(f"{path}: no ground truth, it lacks {', '.join(missing)} (it holds {', '.join(arrays)})")
-    parent = arrays["parents"].astype(np.int64)
-    novel = arrays.get("novel", np.zeros((0, len(parent), 4, 4)))
-    _check(path, arrays, labels, len(parent), novel)
+    try:
+        return _truth(arrays)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _truth(arrays: dict[str, Any]) -> GroundTruth:
+    keys = _label_keys(arrays)
+    labels = arrays["labels"] if keys == ["labels"] else [arrays[key] for key in keys]
+    novel = arrays.get("novel", np.zeros((0, np.size(arrays["parents"]), 4, 4)))
     if "joint_type" not in arrays:
-        return GroundTruth(labels, arrays["poses"].astype(np.float64), parent, novel.astype(np.float64))
-    kind, axis, point, state = (arrays[key] for key in _JOINT_KEYS)
-    return GroundTruth(
-        labels=labels,
-        poses=arrays["poses"].astype(np.float64),
-        parent=parent,
-        novel=novel.astype(np.float64),
-        joint_type=tuple(str(k) for k in kind),
-        joint_axis=axis.astype(np.float64),
-        joint_point=point.astype(np.float64),
-        joint_state=state.astype(np.float64),
-    )
+        return GroundTruth(labels, arrays["poses"], arrays["parents"], novel)
+    absent = [key for key in _JOINT_KEYS if key not in arrays]
+    if absent:
+        raise InputError(f"it has joint_type but no {absent[0]}")
+    kinds, axis, point, state = (arrays[key] for key in _JOINT_KEYS)
+    if kinds.ndim != 1 or kinds.dtype.kind != "U":
+        raise InputError(f"joint_type must be text, one a part, not {kinds.dtype} of shape {kinds.shape}")
+    return GroundTruth(labels, arrays["poses"], arrays["parents"], novel, tuple(kinds.tolist()), axis, point, state)
 
 
 def save_truth(path: str | os.PathLike[str], truth: GroundTruth) -> None:
@@ -71,26 +73,6 @@ def save_truth(path: str | os.PathLike[str], truth: GroundTruth) -> None:
     save_arrays(Path(path), arrays, compress=True)
 
 
-def _labels(arrays: dict[str, Any]) -> tuple[IntArray, ...]:
-    names = ["labels"] if "labels" in arrays else natural_order(k for k in arrays if k.startswith("labels_"))
-    frames = arrays["labels"] if names == ["labels"] else [arrays[name] for name in names]
-    return tuple(frame.astype(np.int64) for frame in frames)
-
-
-def _check(path: Path, arrays: dict[str, Any], labels: tuple[IntArray, ...], P: int, novel: Any) -> None:
-    """Shapes that fit together; labels and parents that name parts that exist."""
-    F = len(labels)
-    expected = {"poses": (F, P, 4, 4), "parents": (P,)}
-    if "joint_type" in arrays:
-        expected |= {"joint_type": (P,), "joint_axis": (P, 3), "joint_point": (P, 3), "joint_state": (F, P)}
-    for key, shape in expected.items():
-        if key not in arrays:
-            raise InputError(f"{path}: it has joint_type but no {key}")
-        if arrays[key].shape != shape:
-            raise InputError(f"{path}: {key} has shape {arrays[key].shape}, expected {shape}")
-    if novel.shape[1:] != (P, 4, 4):
-        raise InputError(f"{path}: novel has shape {novel.shape}, expected (K, {P}, 4, 4)")
-    if any(frame.ndim != 1 or not np.isin(frame, np.arange(P)).all() for frame in labels):
-        raise InputError(f"{path}: labels must be one part number from 0 to {P - 1} a point")
-    if not np.isin(arrays["parents"], np.arange(-1, P)).all():
-        raise InputError(f"{path}: parents must be part numbers from 0 to {P - 1}, or -1 at the root")
+def _label_keys(arrays: dict[str, Any]) -> list[str]:
+    """Names of the arrays with labels: one of all frames, or one a frame in order."""
+    return ["labels"] if "labels" in arrays else natural_order(k for k in arrays if k.startswith("labels_"))
