@@ -287,7 +287,7 @@ def test_damaged_files_are_told_in_one_line(saved: Path) -> None:
     np.savez(arrays, **{**content, "q": content["q"][1:]})
     assert "T_world_root has shape (3, 4, 4), expected (2, 4, 4)" in complaint(saved)
     np.savez(arrays, **{**content, "labels": content["labels"] + 9})
-    assert "do not fit" in complaint(saved)
+    assert "labels must be from 0 to 3" in complaint(saved)
     np.savez(arrays, **{**content, "frame_offsets": content["frame_offsets"][::-1]})
     assert "frame_offsets" in complaint(saved)
     np.savez(arrays, **{**content, "q": content["q"].astype(object)})
