@@ -213,6 +213,90 @@ def test_errors_say_what_is_wrong(tmp_path, text, message):
         load_urdf(path)
 
 
+BOX = '<box size="1 1 1"/>'
+
+
+def arm(geometry: str = BOX, **settings: str) -> str:
+    """Two links and the joint between them, which is changed by `settings` of `joint`."""
+    return link("a", BOX) + link("b", geometry) + joint("a", "b", settings.pop("kind", "revolute"), **settings)
+
+
+LADDER = "".join(link(f"l{i}") for i in range(31)) + "".join(
+    joint(f"l{i}", f"l{i + 1}", "revolute").replace("_joint", f"_{k}") for i in range(30) for k in (0, 1)
+)
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (LADDER, "'l1' is carried by two joints"),
+        (arm(more='<mimic joint="b_joint"/>'), "mimics itself"),
+        (arm(more='<mimic joint="c_joint"/>') + link("c")
+         + joint("a", "c", "revolute", more='<mimic joint="b_joint"/>'), "mimics itself"),
+        (arm(more='<mimic joint="nobody"/>'), "does not exist"),
+        (arm(more='<mimic joint="b_joint" offset="nan"/>'), "offset"),
+        (link("r") + arm() + joint("b", "a", "revolute"), "carries itself"),
+        (arm().replace('<child link="b"/>', '<child link="z"/>'), "'z' that does not exist"),
+        (arm().replace('<child link="b"/>', ""), "names no child link"),
+        (arm().replace('type="revolute"', ""), "has the type None"),
+        (arm() + link("a"), "two links have one name"),
+        (arm() + link(""), "printable"),
+        (arm(axis="0 0 0"), "without direction"),
+        (arm(axis="nan 0 1"), "xyz"),
+        (arm(axis="1 0"), "3 finite numbers"),
+        (arm(xyz="0 0 0 0"), "3 finite numbers"),
+        (arm(limit="1 -1"), "wrong way round"),
+        (arm(limit="-1 nan"), "upper"),
+        (arm(limit="-1 1e300"), "upper"),
+        (arm('<box size="-1 1 1"/>'), "negative"),
+        (arm('<box size="1 1"/>'), "3 finite numbers"),
+        (arm('<sphere radius="1e300"/>'), "radius"),
+        (arm("<sphere/>"), "radius"),
+        (arm("<capsule/>"), "'capsule'"),
+        (arm("<mesh/>"), "without filename"),
+        (arm('<mesh filename="cube.stl" scale="0 1 1"/>'), "scale"),
+        (arm('<mesh filename="../../outside.stl"/>'), "not found"),
+        (arm('<mesh filename="package://../outside.stl"/>'), "names no package"),
+        (arm('<mesh filename="package://robot/../../outside.stl"/>'), "not found"),
+        (arm('<mesh filename="http://localhost/cube.stl"/>'), "only package"),
+        (arm(f'<mesh filename="{"x" * 5000}.stl"/>'), "not found"),
+        ("<link>" * 90 + "</link>" * 90, "nested"),
+    ],
+)  # fmt: skip
+def test_a_robot_that_is_none_is_told_before_anything_is_built(tmp_path, capfd, body, message):
+    home = tmp_path / "package" / "robot"
+    home.mkdir(parents=True)
+    trimesh.creation.box((1, 1, 1)).export(tmp_path / "outside.stl")
+    with pytest.raises(InputError, match=message) as caught:
+        load_urdf(write(home, body))
+    assert "\n" not in str(caught.value) and str(home / "robot.urdf") in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_entities_are_not_read(tmp_path):
+    (tmp_path / "secret").write_text("secret")
+    doctype = f'<!DOCTYPE r [<!ENTITY x SYSTEM "{(tmp_path / "secret").as_uri()}">]>'
+    (tmp_path / "robot.urdf").write_text(f'{doctype}<robot name="&x;">{arm()}</robot>')
+    with pytest.raises(InputError, match="DOCTYPE"):
+        load_urdf(tmp_path / "robot.urdf")
+
+
+def test_meshes_beside_the_folder_of_the_urdf_are_found(tmp_path):
+    for folder in ("package/urdf", "package/meshes"):
+        (tmp_path / folder).mkdir(parents=True)
+    cube = tmp_path / "package/meshes/cube.stl"
+    trimesh.creation.box((1, 1, 1)).export(cube)
+    for name in ("../meshes/cube.stl", cube.as_uri(), "package://package/meshes/cube.stl"):
+        path = write(tmp_path / "package/urdf", arm(f'<mesh filename="{name}"/>'))
+        assert areas(load_urdf(path).surfaces[1]).sum() == pytest.approx(6)
+    deep = write(tmp_path / "package/urdf", arm('<mesh filename="../../other/cube.stl"/>'))
+    (tmp_path / "other").mkdir()
+    cube.rename(tmp_path / "other/cube.stl")
+    with pytest.raises(InputError, match="not found"):
+        load_urdf(deep)
+    assert load_urdf(deep, package_dirs=[tmp_path / "other"]).n_parts == 2
+
+
 def test_a_missing_parser_is_named(robot, monkeypatch):
     monkeypatch.setitem(sys.modules, "yourdfpy", None)
     with pytest.raises(InputError, match=r"rearticulate\[simulate\]"):

@@ -68,13 +68,14 @@ def load_robot(robot: Robot) -> ArticulatedObject:
     path = robot.path
     if path is None:
         raise InputError(f"{robot.name} needs the package {robot.package}: see rearticulate.network.robots")
+    folders = [path.parents[1], path.parents[len(Path(robot.urdf).parts) - 2]]  # its own, and all of the package
     if not robot.alias:
-        return load_urdf(path, merge_below=MERGE_BELOW)
+        return load_urdf(path, package_dirs=folders, merge_below=MERGE_BELOW)
     with TemporaryDirectory() as folder:
         copy = Path(folder) / path.name
         here = path.parents[1].as_posix()
         copy.write_text(path.read_text(encoding="utf-8").replace(f"package://{robot.alias}", here), encoding="utf-8")
-        return load_urdf(copy, merge_below=MERGE_BELOW)
+        return load_urdf(copy, package_dirs=folders, merge_below=MERGE_BELOW)
 
 
 def _example(name: str, urdf: str, licence: str) -> Robot:

@@ -12,16 +12,18 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from rearticulate.errors import InputError
+from rearticulate.errors import InputError, one_line
 from rearticulate.extras import needs
 from rearticulate.geometry.se3 import exp_se3
 from rearticulate.synth.articulated import ArticulatedObject, ObjectBuilder
 from rearticulate.synth.meshes import find_mesh, load_triangles
 from rearticulate.synth.surfaces import areas, moved
+from rearticulate.synth.urdf_check import check_urdf
 
 Array = NDArray[np.floating]
 Folders = Sequence[str | os.PathLike[str]]
 
+MOST_TRIANGLES = 20_000_000
 _KINDS = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
 
 
@@ -37,10 +39,9 @@ def load_urdf(
     Joints that cannot move (fixed, floating, planar, or without a range) stand still at their value nearest to 0.
     """
     path = Path(path)
-    robot = _parse(path)
-    links = _in_order(robot, path)
+    links = _in_order(_parse(path))
     folders = [Path(folder) for folder in package_dirs]
-    surface = {link.name: _link_surface(link.visual, path, folders) for link in links}
+    surface = _surfaces(links, path, folders)
     moving = _merge(links, {name: float(areas(s).sum()) for name, s in surface.items()}, merge_below, path)
     return _assemble(links, surface, moving)
 
@@ -77,35 +78,33 @@ class _Link:
 def _parse(path: Path) -> Any:
     with needs("simulate"):
         import yourdfpy
-    if not path.is_file():
-        raise InputError(f"{path}: no such URDF file")
+    check_urdf(path)
     try:
         return yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot
     except Exception as error:  # the parser fails in as many ways as there are broken files
-        raise InputError(f"{path}: not a URDF that can be read ({error})") from error
+        raise InputError(f"{path}: not a URDF that can be read ({one_line(error)})") from error
 
 
-def _in_order(robot: Any, path: Path) -> list[_Link]:
+def _in_order(robot: Any) -> list[_Link]:
     """All links of the tree, depth first."""
     joints = {joint.name: joint for joint in robot.joints}
-    carried = {joint.child for joint in robot.joints}
-    roots = [link.name for link in robot.links if link.name not in carried]
-    if len(roots) != 1:
-        raise InputError(f"{path}: a URDF has one root link, this one has {len(roots)}: {', '.join(roots)}")
     visuals = {link.name: link.visuals for link in robot.links}
+    carried: dict[str, list[Any]] = {name: [] for name in visuals}
+    for joint in robot.joints:
+        carried[joint.parent].append(joint)
+    root = next(iter(visuals.keys() - {joint.child for joint in robot.joints}))
     order: list[_Link] = []
-    stack = [_Link(roots[0], visuals[roots[0]])]
+    stack = [_Link(root, visuals[root])]
     while stack:
         link = stack.pop()
         order.append(link)
-        children = [joint for joint in robot.joints if joint.parent == link.name]
-        stack += [_link(joint, visuals[joint.child], joints) for joint in reversed(children)]
+        stack += [_link(joint, visuals[joint.child], joints) for joint in reversed(carried[link.name])]
     return order
 
 
 def _link(joint: Any, visuals: Any, joints: dict[str, Any]) -> _Link:
     leader, gear, offset = joint, 1.0, 0.0
-    while leader.mimic is not None and leader.mimic.joint in joints:
+    while leader.mimic is not None:
         offset += gear * leader.mimic.offset
         gear *= leader.mimic.multiplier
         leader = joints[leader.mimic.joint]
@@ -127,6 +126,17 @@ def _limits(joint: Any) -> tuple[float, float]:
     if joint.limit is None:
         return 0.0, 0.0
     return joint.limit.lower or 0.0, joint.limit.upper or 0.0
+
+
+def _surfaces(links: list[_Link], path: Path, folders: list[Path]) -> dict[str, Array]:
+    """`_link_surface` of all links, by name."""
+    surface, count = {}, 0
+    for link in links:
+        surface[link.name] = _link_surface(link.visual, path, folders)
+        count += len(surface[link.name])
+        if count > MOST_TRIANGLES:
+            raise InputError(f"{path}: its meshes have more than {MOST_TRIANGLES} triangles in all; simplify them")
+    return surface
 
 
 def _link_surface(visuals: Any, path: Path, folders: list[Path]) -> Array:
@@ -159,7 +169,9 @@ def _merge(links: list[_Link], area: dict[str, float], merge_below: float, path:
     moving = {link.name for link in links if link.can_move}
     while moving:
         bodies = _bodies(links, moving)
-        own = {body: sum(area[name] for name, b in bodies.items() if b == body) for body in set(bodies.values())}
+        own = dict.fromkeys(bodies.values(), 0.0)
+        for name, body in bodies.items():
+            own[body] += area[name]
         smallest = min(sorted(own), key=lambda body: own[body])
         if own[smallest] > merge_below * total:
             break
