@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
+from typing import get_type_hints
 
+import numpy as np
 import pytest
 
 from rearticulate.config import PRESETS, FitConfig, load_config, preset
@@ -31,8 +33,8 @@ def test_a_file_changes_what_it_names(tmp_path):
         ({"working_point": 900}, "unknown setting 'working_point'"),
         ({"track": {"sigmas": 1}}, "track: unknown setting 'sigmas'"),
         ({"track": 3}, "an object of settings is needed"),
-        ({"working_points": "many"}, "working_points must be a number"),
-        ({"working_points": True}, "working_points must be a number"),
+        ({"working_points": "many"}, "working_points must be a whole number"),
+        ({"working_points": True}, "working_points must be a whole number"),
         ([], "an object of settings is needed"),
         ("{", "settings.json"),
     ],
@@ -51,3 +53,40 @@ def test_presets():
     assert all(preset(name) is config for name, config in PRESETS.items())
     with pytest.raises(InputError, match=", ".join(PRESETS)):
         preset("no such preset")
+
+
+def numeric(config):
+    """(owner, name, bounds) of every number among the settings."""
+    hints = get_type_hints(type(config), include_extras=True)
+    for f in fields(config):
+        if is_dataclass(getattr(config, f.name)):
+            yield from numeric(getattr(config, f.name))
+        elif type(getattr(config, f.name)) in (int, float):
+            yield config, f.name, hints[f.name].__metadata__[0]
+
+
+NUMERIC = list(numeric(FitConfig()))
+
+
+@pytest.mark.parametrize(("owner", "name", "bounds"), NUMERIC, ids=lambda x: x if isinstance(x, str) else "")
+def test_every_number_has_bounds(owner, name, bounds):
+    below = [bounds.low] * bounds.open + [bounds.low - 1]
+    for wrong in (float("nan"), float("inf"), -float("inf"), True, "1", None, [1], 1e300, *below):
+        with pytest.raises(InputError, match=name):
+            replace(owner, **{name: wrong})
+    assert type(getattr(replace(owner, **{name: np.float32(7 if bounds.hold(7) else 1)}), name)) is type(
+        getattr(owner, name)
+    )
+
+
+def test_settings_of_another_class_are_refused(tmp_path):
+    with pytest.raises(InputError, match="track must be a TrackConfig"):
+        FitConfig(track={"iterations": 5})
+    for text in (
+        '{"a":' * 100_000 + "1" + "}" * 100_000,
+        '{"working_points": NaN}',
+        '{"working_points": 9, "working_points": 8}',
+    ):
+        with pytest.raises(InputError, match="not valid JSON") as caught:
+            load_config(written(tmp_path, text))
+        assert "\n" not in str(caught.value)

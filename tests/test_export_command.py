@@ -51,11 +51,11 @@ def test_json_tells_what_was_written(saved: Path, tmp_path: Path) -> None:
     [
         (["--format", "step"], "choose from urdf, mjcf, usd, gltf, ply"),
         (["--format", ","], "choose from"),
-        (["--density", "0"], "--density 0: must be a positive number"),
-        (["--margin", "-1"], "--margin -1: must be a positive number"),
+        (["--density", "0"], "density must be a number above 0"),
+        (["--margin", "-1"], "margin must be a number of 0 at least"),
         (["--up", "w"], "--up w: must be x, y or z"),
-        (["--collision", "box"], "--collision box: must be pieces or hull"),
-        (["--max-faces", "3"], "--max-faces 3: must be 100 at least"),
+        (["--collision", "box"], "collision must be one of pieces, hull"),
+        (["--max-faces", "3"], "max_faces must be a whole number of 100 at least"),
     ],
 )
 def test_bad_options_are_one_line(saved: Path, tmp_path: Path, arguments: list[str], what: str) -> None:

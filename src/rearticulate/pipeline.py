@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from rearticulate.bounds import Seed, checked
 from rearticulate.config import FitConfig
 from rearticulate.errors import InputError
 from rearticulate.io.check import check_sequence
@@ -52,11 +53,12 @@ class Clock:
             self._progress(stage, fraction)
 
 
+@checked
 def fit(
     sequence: PointSequence,
     config: FitConfig | None = None,
     *,
-    seed: int = 0,
+    seed: Seed = 0,
     canonical: int | None = None,
     progress: Progress | None = None,
     store: StageStore | None = None,

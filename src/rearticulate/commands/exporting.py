@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -48,13 +47,6 @@ def export_config(
     velocity: float,
 ) -> ExportConfig:
     """The settings, checked."""
-    for option, value in (("margin", margin), ("density", density), ("effort", effort), ("velocity", velocity)):
-        if not (math.isfinite(value) and value >= 0 and (value > 0 or option == "margin")):
-            raise InputError(f"--{option} {value:g}: must be a positive number")
-    if collision not in ("pieces", "hull"):
-        raise InputError(f"--collision {collision}: must be pieces or hull")
-    if max_faces < 100:
-        raise InputError(f"--max-faces {max_faces}: must be 100 at least")
     shape = ShapeConfig(max_faces=max_faces, density=density, collision=collision)  # type: ignore[arg-type]
     return ExportConfig(shape, margin, floating, check_up(up), effort=effort, velocity=velocity)
 

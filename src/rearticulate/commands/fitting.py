@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rearticulate.bounds import Seed, Settings
 from rearticulate.commands.outcome import say
 from rearticulate.commands.progress import StageProgress
 from rearticulate.commands.show import print_json, show_metrics, show_result
@@ -23,13 +24,13 @@ from rearticulate.report.summary import jsonable, result_as_dict
 
 
 @dataclasses.dataclass(frozen=True)
-class FitOptions:
+class FitOptions(Settings):
     """What the command line says about a fit."""
 
     preset: str = "direct"
     config: Path | None = None
     canonical: str = "auto"
-    seed: int = 0
+    seed: Seed = 0
     device: str = "auto"
     resume: bool = False
     overwrite: bool = False

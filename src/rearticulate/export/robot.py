@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rearticulate.bounds import Bounds, Settings
 from rearticulate.export.contacts import pairs_in_touch
 from rearticulate.export.names import safe_names
 from rearticulate.geometry.kinematics import chain, depth_first
@@ -24,22 +25,24 @@ from rearticulate.shape.body import Body, ShapeConfig, make_body
 Array = NDArray[np.floating]
 Kind = Literal["fixed", "revolute", "continuous", "prismatic"]
 
+Limit = Annotated[float, Bounds(0, 1e9, open=True)]
+
 FULL_TURN = 2 * np.pi
 
 
 @dataclass(frozen=True)
-class ExportConfig:
+class ExportConfig(Settings):
     """shape: of the bodies. margin: what joints may do beyond their observed range, a share of it on either side.
     floating: the root may move. up: axis against gravity, "x" to "z" or "-x" to "-z". effort (N m or N), velocity
     (rad/s or m/s): limits of every joint, which a scan does not tell. frames_per_second: of the recorded animation."""
 
     shape: ShapeConfig = field(default_factory=ShapeConfig)
-    margin: float = 0.1
+    margin: Annotated[float, Bounds(0, 100)] = 0.1
     floating: bool = False
     up: str = "z"
-    frames_per_second: float = 5.0
-    effort: float = 100.0
-    velocity: float = 10.0
+    frames_per_second: Annotated[float, Bounds(0, 1000, open=True)] = 5.0
+    effort: Limit = 100.0
+    velocity: Limit = 10.0
 
     @property
     def up_axis(self) -> Array:

@@ -15,6 +15,7 @@ from torch import Tensor
 from torch.nn.parallel import DistributedDataParallel
 from torch.utils.data import DataLoader, Dataset
 
+from rearticulate.bounds import Count, CountOrZero, NotNegative, Positive, Seed, Settings, Share
 from rearticulate.errors import InputError
 from rearticulate.network.matching import matching_loss
 from rearticulate.network.pairs import Pair, PairConfig, make_pair
@@ -27,21 +28,21 @@ VALIDATION = 2**20  # batches from this number on are never trained on
 
 
 @dataclass(frozen=True)
-class TrainConfig:
+class TrainConfig(Settings):
     """A training run. The same seed and number of processes give the same pairs."""
 
-    steps: int = 40_000
-    points: tuple[int, ...] = (1024, 2048, 4096)  # points a cloud; one of these a batch
-    points_per_batch: int = 16_384  # of all clouds of a batch
-    matched: int = 256  # points of a cloud that are matched each way
-    rate: float = 2e-3
-    warmup: int = 500
-    cooldown: float = 0.3  # share of the steps, at the end, in which the rate falls to zero
-    decay: float = 1e-2
-    validate_every: int = 500
-    validation_batches: int = 8
+    steps: Count = 40_000
+    points: tuple[Count, ...] = (1024, 2048, 4096)  # points a cloud; one of these a batch
+    points_per_batch: Count = 16_384  # of all clouds of a batch
+    matched: Count = 256  # points of a cloud that are matched each way
+    rate: Positive = 2e-3
+    warmup: CountOrZero = 500
+    cooldown: Share = 0.3  # share of the steps, at the end, in which the rate falls to zero
+    decay: NotNegative = 1e-2
+    validate_every: Count = 500
+    validation_batches: Count = 8
     mixed: bool = False  # compute in bfloat16 where that is safe
-    seed: int = 0
+    seed: Seed = 0
     pair: PairConfig = field(default_factory=PairConfig)
 
 

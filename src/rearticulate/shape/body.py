@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from rearticulate.bounds import Bounds, Settings
 from rearticulate.shape.surface import simplified, surface
 
 Array = NDArray[np.floating]
@@ -22,7 +23,7 @@ SEED = 0
 
 
 @dataclass(frozen=True)
-class ShapeConfig:
+class ShapeConfig(Settings):
     """What bodies look like.
 
     max_faces:  triangles of one surface. density: kg/m^3 (1000: water; hollow machines weigh less than they look).
@@ -30,11 +31,11 @@ class ShapeConfig:
     max_pieces: of one part. concavity: how far pieces may bridge, of the part's size (CoACD's threshold).
     """
 
-    max_faces: int = 4000
-    density: float = 500.0
+    max_faces: Annotated[int, Bounds(100, 10**7)] = 4000
+    density: Annotated[float, Bounds(0, 1e6, open=True)] = 500.0
     collision: Literal["pieces", "hull"] = "pieces"
-    max_pieces: int = 12
-    concavity: float = 0.2
+    max_pieces: Annotated[int, Bounds(1, 1000)] = 12
+    concavity: Annotated[float, Bounds(0.01, 1)] = 0.2
 
 
 @dataclass(frozen=True)

@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 import os
+from typing import Annotated
 
+from rearticulate.bounds import Bounds, Seed, Share, checked
 from rearticulate.records import GroundTruth, PointSequence
 from rearticulate.synth.articulated import record
 from rearticulate.synth.trajectories import Start
 from rearticulate.synth.urdf import Folders, load_urdf
 
 
+@checked
 def simulate(
     urdf_path: str | os.PathLike[str],
     *,
-    frames: int = 10,
-    points: int = 4096,
-    step_deg: float = 10.0,
-    step_m: float | None = None,
+    frames: Annotated[int, Bounds(1, 10**5)] = 10,
+    points: Annotated[int, Bounds(1, 10**7)] = 4096,
+    step_deg: Annotated[float, Bounds(0, 360)] = 10.0,
+    step_m: Annotated[float, Bounds(0, 1e6)] | None = None,
     start: Start = "random",
-    noise: float = 0.0,
+    noise: Annotated[float, Bounds(0, 1e6)] = 0.0,
     one_sided: bool = False,
     moving_root: bool = False,
-    novel: int = 3,
-    merge_below: float = 0.015,
-    seed: int = 0,
+    novel: Annotated[int, Bounds(0, 10**5)] = 3,
+    merge_below: Share = 0.015,
+    seed: Seed = 0,
     package_dirs: Folders = (),
 ) -> tuple[PointSequence, GroundTruth]:
     """Record the robot or object of a URDF in motion; needs the extra `simulate`.
