@@ -200,7 +200,30 @@ def test_wrong_options_are_bad_input(options: tuple[str, str], sequence_file: Pa
     "arguments", [("fit",), ("fit", "x", "--nope"), ("nope",), ("info", "nowhere.npz"), ("eval", "a", "b")]
 )
 def test_wrong_usage_exits_2(arguments: tuple[str, ...]) -> None:
-    assert run(*arguments).exit_code == 2
+    wrong = run(*arguments)
+    assert wrong.exit_code == 2
+    assert one_line(wrong).startswith("error: ")
+
+
+@pytest.mark.parametrize(
+    "option",
+    [("--seed", "-1"), ("--seed", str(2**70)), ("--seed", "x"), ("--scale", "nan"), ("--scale", "1e300"),
+     ("--canonical", "٣")],
+)  # fmt: skip
+def test_numbers_out_of_range_are_bad_input(option: tuple[str, str], sequence_file: Path, tmp_path: Path) -> None:
+    wrong = run("fit", sequence_file, "-o", tmp_path / "out", *option)
+    assert wrong.exit_code == 2 and one_line(wrong).startswith("error: ")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("value", ["1e400deg", "1e300", "9" * 400, "1e200%"])
+def test_no_cloud_of_infinite_numbers_is_written(value: str, saved: Path, tmp_path: Path) -> None:
+    wrong = run("pose", saved, "-o", tmp_path / "posed.ply", "--joint", f"arm={value}")
+    assert wrong.exit_code == 2 and "must be a number" in one_line(wrong)
+    broken = PointSequence.from_arrays(np.full((2, 9, 3), 1e39))  # no float32
+    with pytest.raises(FitError, match="finite"):
+        save_sequence(tmp_path / "seq.npz", broken)
+    assert not (tmp_path / "posed.ply").exists() and not (tmp_path / "seq.npz").exists()
 
 
 def test_warnings_are_one_line_each(tmp_path: Path) -> None:

@@ -16,10 +16,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rearticulate.errors import FitError, InputError
-from rearticulate.geometry.se3 import exp_se3
-from rearticulate.io import StageStore, check_output, load_model, load_result, save_result
+from rearticulate.geometry.se3 import exp_se3, is_rigid
+from rearticulate.io import StageStore, check_output, load_model, load_result, load_sequence_of, save_result
 from rearticulate.io.palette import part_colors, part_hex
 from rearticulate.records import FitResult, JointDiagnostics, KinematicModel, Motion, PointSequence, StageTime
+from toy_result import toy
 
 FILES = ["arrays.npz", "canonical.ply", "config.json", "joints.csv", "model.json"]
 TYPES = ("revolute", "prismatic", "fixed")
@@ -308,6 +309,81 @@ def test_names_must_be_unique() -> None:
     result = some_result()
     with pytest.raises(InputError, match="unique"):
         replace(result.model, names=("a", "b", "b", "c"))
+
+
+WRONG = [
+    None, True, 0, -1, 99, 2**63, 10**30, 0.5, 1e300, "nan", "inf", "", "x", "base", "a\nb", "\u202e", "\ud800", [], {},
+    [1, 2], [0, 0, 0], ["0", "0", "1"], [True, 0, 1.0], [3, 0, 0], [1e300] * 3, {"a": 1},
+]  # fmt: skip
+
+
+def places(node: Any, way: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """All ways from the top of a JSON value to something in it."""
+    inside = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    return [found for key, value in inside for found in [(*way, key), *places(value, (*way, key))]]
+
+
+@settings(max_examples=150, deadline=None)
+@given(data=st.data())
+def test_any_wrong_value_is_refused_or_leaves_a_sound_result(
+    data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = tmp_path_factory.mktemp("run") / "out"
+    result, sequence = toy(20)
+    save_result(folder, result, sequence)
+    record = json.loads((folder / "model.json").read_text(encoding="utf-8"))
+    way = data.draw(st.sampled_from(places(record)))
+    node = record
+    for key in way[:-1]:
+        node = node[key]
+    node[way[-1]] = data.draw(st.sampled_from(WRONG))
+    (folder / "model.json").write_text(json.dumps(record), encoding="utf-8")
+    try:
+        loaded = load_result(folder)
+    except InputError as error:
+        assert "\n" not in str(error) and "out" in str(error)
+        return
+    poses = loaded.model.forward(loaded.motion.q, loaded.motion.T_world_root)
+    assert np.isfinite(poses).all() and is_rigid(poses).all()
+    save_result(folder.parent / "again", loaded, sequence)
+    assert_same(load_result(folder.parent / "again"), loaded)
+
+
+@pytest.mark.parametrize("name", ["points", "labels", "q", "T_world_root", "residual", "frame_labels", "frame_points"])
+def test_arrays_of_another_kind_are_refused(name: str, saved: Path) -> None:
+    with np.load(saved / "arrays.npz") as archive:
+        content = dict(archive)
+    good = content[name]
+    wrong = [good.astype(complex), good.astype("U8"), good.astype(bool), good.astype("M8[s]"), good[None], good[:0],
+             np.full(good.shape, np.nan), np.full(good.shape, 1e300), good * 0 - 1]  # fmt: skip
+    for array in wrong[: -1 if name in ("points", "q", "frame_points") else None]:
+        np.savez(saved / "arrays.npz", **{**content, name: array})
+        with pytest.raises(InputError):
+            load_sequence_of(saved)
+            load_result(saved)
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"axis": [[0, 0, 0], [0, 0, 3], [1, 0, 0]]}, "length 1"),
+        ({"axis": [[0, 0, 1], [0, 0, 1], [1, 0, 0]]}, "length 0"),
+        ({"parent": [-1, 2, 1]}, "before their children"),
+        ({"parent": [-1, -1, 1]}, "one root"),
+        ({"limits": [[0, 0], [1, -1], [0, 1]]}, "in order"),
+        ({"limits": [[0, 0], [1, np.inf], [0, 1]]}, "finite"),
+        ({"names": ("a", "b\x1b[31m", "c")}, "printable"),
+        ({"names": ("a", "x" * 300, "c")}, "300 letters"),
+        ({"joint_type": ("floating", "floating", "prismatic")}, "only the root"),
+        ({"labels": np.full(60, 3)}, "from 0 to 2"),
+        ({"canonical": -1}, "canonical"),
+        ({"points": np.zeros((0, 3)), "labels": np.zeros(0, int)}, "needs points"),
+    ],
+)
+def test_models_are_checked_when_they_are_made(changes: dict[str, Any], expected: str) -> None:
+    result, _ = toy(20)
+    with pytest.raises(InputError, match=expected):
+        replace(result.model, **changes)
 
 
 # -- stages ------------------------------------------------------------------------------------------------------------

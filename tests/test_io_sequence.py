@@ -479,7 +479,7 @@ def test_ground_truth_of_frames_that_differ_in_size(tmp_path: Path) -> None:
         ({"labels_000": None, "labels_001": None}, "lacks labels"),
         ({"joint_axis": None}, "no joint_axis"),
         ({"labels_001": np.array([0, 2])}, "0 to 1"),
-        ({"parents": np.array([-1, 4])}, "parents"),
+        ({"parents": np.array([-1, 4])}, "parent"),
         ({"joint_state": np.zeros((3, 2))}, "expected (2, 2)"),
     ],
 )

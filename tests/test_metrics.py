@@ -246,3 +246,23 @@ def test_a_result_of_another_sequence_is_refused():
     few_labels = replace(truth, labels=tuple(part[:30] for part in truth.labels))
     with pytest.raises(InputError, match="point number 39"):
         evaluate(result, few_labels, sequence)
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"parent": np.array([1, 0])}, "one root"),
+        ({"parent": np.array([-1, 1])}, "without cycles"),
+        ({"parent": np.array([-1, -1])}, "one root"),
+        ({"parent": np.array([-1, 5])}, "parent must be"),
+        ({"joint_type": ("", "helical")}, "not known"),
+        ({"joint_axis": np.array([[0, 0, 0], [0, 0, 2.0]])}, "length 1"),
+        ({"joint_state": np.full((3, 2), np.nan)}, "finite"),
+        ({"poses": np.zeros((3, 2, 4, 4))}, "rigid"),
+        ({"novel": np.zeros((1, 3, 4, 4))}, "novel has shape"),
+        ({"labels": (np.full(40, 2),) * 3}, "from 0 to 1"),
+    ],
+)
+def test_a_truth_that_is_none_is_refused(changes, expected):
+    with pytest.raises(InputError, match=expected):
+        replace(hinge()[1], **changes)

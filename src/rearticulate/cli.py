@@ -4,14 +4,36 @@ imported when it runs, so that help is instant.
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+import typer.core
 
-from rearticulate.commands.outcome import INTERRUPTED, reported, say
+from rearticulate.commands.outcome import BAD_INPUT, INTERRUPTED, reported, say
+
+
+class OneLineUsage(typer.core.TyperGroup):
+    """Wrong usage is bad input like any other: one line on stderr, exit code 2."""
+
+    def main(self, *args: Any, **rest: Any) -> Any:
+        try:
+            code = super().main(*args, **{**rest, "standalone_mode": False})
+        except Exception as error:
+            message = error.format_message() if hasattr(error, "format_message") else None  # type: ignore[attr-defined]
+            if message is None:
+                raise
+            if "\n" in message:  # the help
+                print(message, file=sys.stderr)
+            else:
+                say(f"error: {message}")
+            raise SystemExit(BAD_INPUT) from None
+        raise SystemExit(code or 0)
+
 
 app = typer.Typer(
+    cls=OneLineUsage,
     help="4D point clouds of any articulated object become rearticulable kinematic models.",
     no_args_is_help=True,
     add_completion=False,
@@ -196,7 +218,7 @@ def view(
     result: ResultFolder,
     other: Annotated[Path | None, typer.Argument(metavar="[OTHER]", help="A second result, shown beside it.")] = None,
     host: Annotated[str, typer.Option(help="Address to listen at; 0.0.0.0 for the whole network.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="0 for any that is free.")] = 8080,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="0 for any that is free.")] = 8080,
     up: Up = "z",
     browser: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:

@@ -35,7 +35,7 @@ def read_json(path: Path, absent: str = "") -> Any:
 def json_array(value: Any, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
     """Nested lists of numbers as an array. Raises InputError where they have another shape or are no finite numbers."""
     flat = _leaves(value, shape)
-    if flat is None or not all(type(x) in (int, float) and abs(x) < FAR for x in flat):
+    if flat is None or not all(type(x) in (int, float) and abs(x) < FAR and abs(float(x)) < FAR for x in flat):
         wanted = "a finite number" if not shape else f"finite numbers of shape {' x '.join(map(str, shape))}"
         raise InputError(f"{what} must be {wanted}")
     return np.array(flat, dtype=np.float64).reshape(shape)

@@ -50,7 +50,7 @@ class FitOptions(Settings):
         """The frame asked for; None for auto."""
         if self.canonical == "auto":
             return None
-        if not self.canonical.isdecimal():
+        if not (self.canonical.isascii() and self.canonical.isdecimal()):
             raise InputError(f"--canonical must be 'auto' or the number of a frame, not {self.canonical!r}")
         return int(self.canonical)
 

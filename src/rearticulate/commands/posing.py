@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rearticulate.bounds import Finite, conform
 from rearticulate.commands.outcome import say
 from rearticulate.commands.outputs import check_file
 from rearticulate.commands.show import print_json
@@ -100,7 +101,8 @@ def _joint_value(model: KinematicModel, j: int, setting: str, text: str) -> list
             known = ", ".join(units) + ("" if kind == "spherical" else ", %")
             raise InputError(f"--joint {setting}: a {kind} joint takes a number with or without one of {known}")
         low, high = model.limits[j]
-        out.append(low + (high - low) * float(match[1]) / 100 if unit == "%" else float(match[1]) * units[unit])
+        value = low + (high - low) * float(match[1]) / 100 if unit == "%" else float(match[1]) * units[unit]
+        out.append(conform(f"--joint {setting}: it", float(value), Finite))
     return out
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.records import Array
+from rearticulate.schema import finite
 
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
@@ -97,9 +98,9 @@ def _read_ascii(path: Path, skip: int, n: int, columns: list[int]) -> NDArray[np
 
 
 def write_cloud(path: Path, points: Array, colors: NDArray[np.uint8]) -> None:
-    """Binary little-endian PLY. points: (N, 3), kept as float64. colors: (N, 3)."""
+    """Binary little-endian PLY. points: (N, 3), finite (FitError), kept as float64. colors: (N, 3)."""
     rows = np.zeros(len(points), dtype=[("xyz", "<f8", 3), ("rgb", "u1", 3)])
-    rows["xyz"], rows["rgb"] = points, colors
+    rows["xyz"], rows["rgb"] = finite(path.name, points), colors
     header = io.StringIO()
     header.write(f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n")
     header.writelines(f"property double {axis}\n" for axis in "xyz")

@@ -19,6 +19,7 @@ from rearticulate.geometry.se3 import is_rigid
 from rearticulate.io.atomic import atomic_file
 from rearticulate.jsons import json_array, read_json
 from rearticulate.records import KinematicModel, Posture
+from rearticulate.schema import finite
 
 FORMAT = 1
 PathLike = str | os.PathLike[str]
@@ -26,6 +27,8 @@ PathLike = str | os.PathLike[str]
 
 def save_posture(path: PathLike, model: KinematicModel, posture: Posture, **more: Any) -> None:
     """Write a posture; `more` goes into the file beside it and is not read back."""
+    for name, values in (("q", posture.q), ("T_world_root", posture.T_world_root)):
+        finite(f"{path}: {name}", values)
     record = {"format": FORMAT, "joints": named_values(model, posture), "T_world_root": posture.T_world_root.tolist()}
     with atomic_file(path) as partial:
         partial.write_text(json.dumps({**record, **more}, indent=2) + "\n", encoding="utf-8")

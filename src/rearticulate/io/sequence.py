@@ -15,16 +15,18 @@ import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rearticulate.bounds import Bounds, conform
 from rearticulate.errors import InputError, InputWarning
 from rearticulate.io.check import check_frame, check_sequence
 from rearticulate.io.npz import open_numpy, save_arrays
 from rearticulate.io.readers import READERS, Points, check_points, natural_order, read_points
 from rearticulate.records import Array, IntArray, PointSequence
+from rearticulate.schema import finite
 
 _FAR = 1e30  # sensors mark missing points with huge numbers; no coordinate in any unit is as large
 _NOTES = {".txt", ".csv"}  # beside frames of another format these are notes, not frames
@@ -107,7 +109,8 @@ def _read(
 
 def save_sequence(path: str | os.PathLike[str], sequence: PointSequence) -> None:
     """Write an `.npz` of float32 points: `points` (F, N, 3), or points_000, points_001, ... where sizes differ."""
-    frames = [frame.astype(np.float32) for frame in sequence.points]
+    with np.errstate(over="ignore"):
+        frames = [finite(str(path), frame.astype(np.float32)) for frame in sequence.points]
     if len({len(frame) for frame in frames}) == 1:
         save_arrays(Path(path), {"points": np.stack(frames)})
     else:
@@ -115,8 +118,7 @@ def save_sequence(path: str | os.PathLike[str], sequence: PointSequence) -> None
 
 
 def _check_options(scale: float, max_points: int, mesh_samples: int) -> None:
-    if not (np.isfinite(scale) and scale > 0):
-        raise InputError(f"scale must be a positive number, not {scale}")
+    conform("scale", scale, Annotated[float, Bounds(1e-12, 1e12)])
     if min(max_points, mesh_samples) < 1:
         raise InputError(f"max_points ({max_points}) and mesh_samples ({mesh_samples}) must be positive")
 
