@@ -262,7 +262,8 @@ def simulate(
         float, typer.Option(help="Links with less than this share of the surface join their parent.")
     ] = 0.015,
     package_dir: Annotated[
-        list[Path] | None, typer.Option(help="Folder that holds the packages of package:// names; repeatable.")
+        list[Path] | None,
+        typer.Option(help="Folder of packages or meshes beyond the URDF's own package; repeatable."),
     ] = None,
     seed: Seed = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace earlier files.")] = False,

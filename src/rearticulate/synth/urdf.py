@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -79,6 +80,7 @@ def _parse(path: Path) -> Any:
     with needs("simulate"):
         import yourdfpy
     check_urdf(path)
+    logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)  # it says twice what an exception says once
     try:
         return yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot
     except Exception as error:  # the parser fails in as many ways as there are broken files
