@@ -320,7 +320,8 @@ class FitResult:
         F, P = len(self.labels), self.model.n_parts
         if self.model.canonical >= F:
             raise InputError(f"the canonical frame is {self.model.canonical}, there are frames 0 to {F - 1}")
-        conform_fields(self, {"residual": real("F", 0)}, F=F)
+        per_frame = ("residual",) if self.sampling is None else ("residual", "sampling")
+        conform_fields(self, dict.fromkeys(per_frame, real("F", 0)), F=F)
         shapes = {"q": (F, self.model.n_values), "T_world_root": (F, 4, 4)}
         for name, shape in shapes.items():
             if getattr(self.motion, name).shape != shape:
@@ -334,6 +335,8 @@ class FitResult:
         if not isinstance(self.config, dict):
             raise InputError(f"config must be a dict of settings, not {type(self.config).__name__}")
         conform("seed", self.seed, Seed)
+        if not all(isinstance(text, str) for text in (*self.notes, self.machine)):
+            raise InputError("notes and machine must be texts")
 
 
 @dataclass(frozen=True)

@@ -68,6 +68,7 @@ _ARRAYS = {
     "q": real("F D"),
     "T_world_root": rigid("F 4 4"),
     "residual": real("F", 0),
+    "sampling": real("F", 0),  # may be absent
     "frame_labels": whole("M", 0),
     "frame_index": whole("M", 0),
     "frame_points": real("M 3"),
@@ -141,8 +142,8 @@ def load_result(folder: PathLike) -> FitResult:
             stages=tuple(_stage(stage) for stage in record["stages"]),
             config=record["config"],
             seed=record["seed"],
-            notes=tuple(str(note) for note in record.get("notes", ())),
-            machine=str(record.get("machine", "")),
+            notes=tuple(record.get("notes", ())),
+            machine=record.get("machine", ""),
             sampling=arrays.get("sampling"),
         )
 
@@ -264,7 +265,8 @@ def _read(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         raise InputError(f"{path}: format {written} is newer than this version reads ({FORMAT}); upgrade rearticulate")
     arrays = load_arrays(folder / "arrays.npz")
     with _damage(folder):
-        return record, conform(arrays, _ARRAYS)
+        known = _ARRAYS if "sampling" in arrays else {k: v for k, v in _ARRAYS.items() if k != "sampling"}
+        return record, conform(arrays, known)
 
 
 @contextmanager
