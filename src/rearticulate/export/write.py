@@ -37,8 +37,8 @@ def save_robot(
     Returns the main file of each format, relative to the folder, and what `describe` says of the robot.
     """
     config = config or ExportConfig()
-    robot = make_robot(result, sequence, name, config)
     with atomic_folder(folder) as partial:
+        robot = make_robot(result, sequence, name, config)
         files = [path.relative_to(partial) for path in export(robot, partial, formats, config)]
         facts = describe(robot, config)
         (partial / MARK).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import manifold3d
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
@@ -147,6 +146,8 @@ def onto_points(mesh: trimesh.Trimesh, points: Array, grid: Grid) -> trimesh.Tri
 def simplified(mesh: trimesh.Trimesh, max_faces: int, tolerance: float) -> trimesh.Trimesh:
     """With edges collapsed that do not matter by a tolerance, m, or by a larger one until there are few enough; still
     closed."""
+    import manifold3d
+
     solid = manifold3d.Manifold(
         manifold3d.Mesh(mesh.vertices.astype(np.float32), np.asarray(mesh.faces, dtype=np.uint32))
     )
