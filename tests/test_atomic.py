@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from toy_result import toy
 
 from rearticulate.commands.fitting import FitOptions, write_result
 from rearticulate.errors import FitError, InputError
@@ -21,6 +20,7 @@ from rearticulate.export.robot import ExportConfig, Robot, make_robot
 from rearticulate.export.write import export
 from rearticulate.io import atomic
 from rearticulate.io.atomic import atomic_file, atomic_folder, reserve
+from toy_result import toy
 
 RESULT = toy(30)
 WRITES = {"open", "os.mkdir", "os.rename", "os.remove", "os.rmdir", "shutil.rmtree", "os.link"}

@@ -4,6 +4,7 @@ imported when it runs, so that help is instant.
 
 from __future__ import annotations
 
+import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -53,7 +54,8 @@ OutFolder = Annotated[Path, typer.Option("-o", "--output", help="Folder of the r
 
 
 def main() -> None:
-    """Entry point."""
+    """Entry point. Being asked to end (SIGTERM) is what Ctrl-C is."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         app()
     except KeyboardInterrupt:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import sys
+import threading
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -11,6 +14,26 @@ from typing import Any, TypeVar
 from threadpoolctl import threadpool_limits
 
 Job = TypeVar("Job")
+
+
+PULSE = 0.2  # seconds
+
+
+def die_with_parent(parent: int) -> None:
+    """From now on this process ends, whatever it does, soon after its parent process (its number) has ended."""
+    threading.Thread(target=_outlive, args=(parent,), daemon=True).start()
+
+
+def _outlive(parent: int) -> None:
+    if sys.platform == "win32":  # there a process keeps the number of a parent that is gone
+        import _winapi
+
+        synchronize = 0x100000
+        _winapi.WaitForSingleObject(_winapi.OpenProcess(synchronize, False, parent), _winapi.INFINITE)
+    else:
+        while os.getppid() == parent:
+            time.sleep(PULSE)
+    os._exit(1)
 
 
 def _alone(work: Callable[[Any], Any], job: Any) -> Any:
@@ -27,7 +50,9 @@ def side_by_side(here: Callable[[Job], Any], elsewhere: Callable[[Job], Any], jo
         return [_alone(here, job) for job in jobs]
     from loky import get_reusable_executor
 
-    executor = get_reusable_executor(max_workers=workers, timeout=60)
+    executor = get_reusable_executor(
+        max_workers=workers, timeout=60, initializer=die_with_parent, initargs=(os.getpid(),)
+    )
     waiting, results = deque(enumerate(jobs)), {}
 
     def work_off(run: Callable[[Job], Any]) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from rearticulate.bench import flow_page, loops_page, paper_pages, results_page, use_page
+from rearticulate.bench import flow_page, paper_pages, results_page, use_page
 from rearticulate.bench.runner import Answer, Job
 from rearticulate.errors import InputError
+from rearticulate.extras import needs
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,12 @@ class Page:
     render: Callable[[dict[str, str], dict[str, Answer]], str]
 
 
+def _loops(stamp: dict[str, str], answers: dict[str, Answer]) -> str:
+    with needs("paper"):
+        from rearticulate.bench import loops_page
+    return loops_page.report(stamp, answers)
+
+
 PAGES = {
     "results": Page(results_page.JOBS, results_page.report),
     "robots": Page(paper_pages.ROBOT_JOBS, paper_pages.robots),
@@ -25,7 +32,7 @@ PAGES = {
     "designs": Page(paper_pages.DESIGN_JOBS, paper_pages.design_ablation),
     "household": Page(paper_pages.HOUSEHOLD_JOBS, paper_pages.household),
     "time": Page([*paper_pages.ROBOT_JOBS, *paper_pages.HOUSEHOLD_JOBS], paper_pages.run_time),
-    "loops": Page([], loops_page.report),
+    "loops": Page([], _loops),
     "flow": Page(flow_page.JOBS, flow_page.report),
     "use": Page(use_page.JOBS, use_page.report),
 }

@@ -10,7 +10,7 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -43,12 +43,18 @@ class Runner:
     jobs: int = 1
     fresh: bool = False
     quick: bool = False
+    _running: set[subprocess.Popen] = field(default_factory=set, init=False, repr=False)
 
     def run(self, wanted: list[Job]) -> dict[str, Answer]:
         """Answers by the names of the jobs; a job that fails says why on stderr and has none."""
         todo = [job for job in wanted if self.fresh or not self.path(job).exists()]
         with ThreadPoolExecutor(max(1, self.jobs)) as pool:
-            list(pool.map(self._run_one, todo))
+            try:
+                list(pool.map(self._run_one, todo))
+            except BaseException:
+                for process in list(self._running):
+                    process.kill()
+                raise
         return {job.name: json.loads(self.path(job).read_text()) for job in wanted if self.path(job).exists()}
 
     def path(self, job: Job) -> Path:
@@ -64,9 +70,13 @@ class Runner:
         module = "rearticulate.bench.worker"
         wanted = [job.case.name, job.variant, "quick" if self.quick else "full", str(self.seed), str(path)]
         command = [sys.executable, "-m", module, *wanted, *(["use"] if job.use else [])]
-        done = subprocess.run(command, env={**os.environ, **limits}, capture_output=True, text=True, check=False)
-        if done.returncode:
-            line = f"failed: {(done.stderr.strip() or f'exit code {done.returncode}').splitlines()[-1]}"
+        pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+        with subprocess.Popen(command, env={**os.environ, **limits}, **pipes) as process:
+            self._running.add(process)
+            errors = process.communicate()[1]
+            self._running.discard(process)
+        if process.returncode:
+            line = f"failed: {(errors.strip() or f'exit code {process.returncode}').splitlines()[-1]}"
         else:
             line = one_line(json.loads(path.read_text()))
         print(f"{job.name}: {line}", file=sys.stderr, flush=True)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from rearticulate.bench.variants import variant
 from rearticulate.evaluation.metrics import evaluate
 from rearticulate.evaluation.relaxed import evaluate_relaxed
 from rearticulate.io.atomic import atomic_file
+from rearticulate.parallel import die_with_parent
 from rearticulate.pipeline import fit
 from rearticulate.records import FitResult, GroundTruth, PointSequence
 
@@ -79,6 +81,7 @@ def peak_megabytes() -> float | None:
 
 
 def main(name: str, configuration: str, length: str, seed: str, output: str, use: str = "") -> None:
+    die_with_parent(os.getppid())
     config = variant(configuration, quick=length == "quick")
     answer = run_case(find_case(name), data_folder(), int(seed), partial(fit, config=config), use == "use")
     with atomic_file(output) as temporary:

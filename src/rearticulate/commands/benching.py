@@ -15,7 +15,7 @@ from rearticulate.bench.variants import QUICK, variant
 from rearticulate.commands.outcome import say
 from rearticulate.commands.show import print_json
 from rearticulate.errors import FitError, InputError
-from rearticulate.io.atomic import atomic_file
+from rearticulate.io.atomic import atomic_file, reserve
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,8 @@ def run_bench(name: str, out: Path, options: BenchOptions) -> None:
     page = find_page(name)
     data_folder()  # says at once where there is none
     wanted = choose(page.jobs, options.only)
-    answers = Runner(out / ".cache", options.seed, options.jobs, options.fresh, options.quick).run(wanted)
+    with reserve(out / f"{name}.md"):
+        answers = Runner(out / ".cache", options.seed, options.jobs, options.fresh, options.quick).run(wanted)
     configs = {job.variant: variant(job.variant, options.quick) for job in page.jobs}
     facts = {"stamp": stamp(configs, options.seed, options.jobs), "answers": answers}
     if options.quick:

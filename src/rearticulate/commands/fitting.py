@@ -14,11 +14,13 @@ from rearticulate.commands.outcome import say
 from rearticulate.commands.progress import StageProgress
 from rearticulate.commands.show import print_json, show_metrics, show_result
 from rearticulate.config import FitConfig, load_config, preset
-from rearticulate.errors import InputError
+from rearticulate.errors import FitError, InputError
+from rearticulate.io.atomic import reserve
 from rearticulate.io.model import check_output, load_result, load_sequence_of, save_result
 from rearticulate.io.sequence import load_sequence
 from rearticulate.io.stages import StageStore
 from rearticulate.records import FitResult, PointSequence
+from rearticulate.report.html import FILE_NAME as REPORT
 from rearticulate.report.html import Score, write_report
 from rearticulate.report.summary import jsonable, result_as_dict
 
@@ -58,15 +60,18 @@ class FitOptions(Settings):
 def run_fit(source: str, out: Path, options: FitOptions, scale: float, max_points: int, as_json: bool) -> None:
     """The command `fit`."""
     config, canonical = options.resolve(), options.canonical_frame()
-    finished = options.resume and not options.overwrite and (out / "model.json").exists()
-    if not finished:
-        check_output(out, overwrite=options.overwrite)
-    sequence = load_sequence(source, scale=scale, max_points=max_points, seed=options.seed)
-    if finished:
-        result = _finished(out, sequence, config, canonical, options.seed)
-    else:
-        result = fit_with_progress(sequence, config, canonical, out, options)
-        write_result(out, result, sequence, None, options)
+    with reserve(out):
+        finished = options.resume and not options.overwrite and (out / "model.json").exists()
+        if not finished:
+            check_output(out, overwrite=options.overwrite)
+        sequence = load_sequence(source, scale=scale, max_points=max_points, seed=options.seed)
+        if finished:
+            result = _finished(out, sequence, config, canonical, options.seed)
+            if options.report and not (out / REPORT).exists():
+                write_extras(out, result, sequence, None)
+        else:
+            result = fit_with_progress(sequence, config, canonical, out, options)
+            write_result(out, result, sequence, None, options)
     if as_json:
         print_json({"out": str(out), **result_as_dict(result, sequence)})
         return
@@ -84,12 +89,13 @@ def run_demo(name: str | None, out: Path, as_json: bool) -> None:
     if name not in bundled.names():
         raise InputError(f"there is no bundled sequence {name!r}; there are {', '.join(bundled.names())}")
     options = FitOptions(overwrite=True)
-    check_output(out, overwrite=True)
-    sequence = load_sequence(bundled.path(name))
-    result = fit_with_progress(sequence, options.resolve(), None, out, options)
-    truth = load_truth(bundled.truth_path(name))
-    metrics = evaluate(result, truth, sequence)
-    write_result(out, result, sequence, Score(metrics, canonical_labels(result, truth, sequence)), options)
+    with reserve(out):
+        check_output(out, overwrite=True)
+        sequence = load_sequence(bundled.path(name))
+        result = fit_with_progress(sequence, options.resolve(), None, out, options)
+        truth = load_truth(bundled.truth_path(name))
+        metrics = evaluate(result, truth, sequence)
+        write_result(out, result, sequence, Score(metrics, canonical_labels(result, truth, sequence)), options)
     if as_json:
         print_json({"out": str(out), **result_as_dict(result, sequence), "metrics": {m.key: m.value for m in metrics}})
         return
@@ -130,19 +136,23 @@ def write_result(
     sequence: PointSequence,
     score: Score | None,
     options: FitOptions,
-    extra: Callable[[Path], None] = lambda folder: None,
+    extra: Callable[[Path], None] | None = None,
 ) -> None:
-    """The whole folder at once, report and pictures and what `extra` writes included."""
+    """The whole folder at once, what `extra` writes included; then, where they are wanted, report and pictures."""
+    save_result(out, result, sequence, overwrite=options.overwrite, extra=extra)
+    if options.report:
+        write_extras(out, result, sequence, score)
 
-    def more(folder: Path) -> None:
-        from rearticulate.render.stills import write_pictures
 
-        extra(folder)
-        if options.report:
-            write_report(folder, result, sequence, score, title=out.resolve().name)
-            write_pictures(folder, result, sequence)
+def write_extras(out: Path, result: FitResult, sequence: PointSequence, score: Score | None) -> None:
+    """Report and pictures into the folder of a result, which is as good without: what cannot be written is said."""
+    from rearticulate.render.stills import write_pictures
 
-    save_result(out, result, sequence, overwrite=options.overwrite, extra=more)
+    try:
+        write_report(out, result, sequence, score, title=out.resolve().name)
+        write_pictures(out, result, sequence)
+    except (FitError, OSError, MemoryError) as error:
+        say(f"warning: {str(error) or type(error).__name__}; the result is complete without it")
 
 
 def _finished(out: Path, sequence: PointSequence, config: FitConfig, canonical: int | None, seed: int) -> FitResult:
@@ -162,5 +172,5 @@ def _finished(out: Path, sequence: PointSequence, config: FitConfig, canonical: 
 
 
 def _written(out: Path) -> str:
-    report = out / "report.html"
+    report = out / REPORT
     return f"report  {report}" if report.exists() else f"result  {out}"

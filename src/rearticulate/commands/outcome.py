@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 import typer
 
 from rearticulate.errors import FitError, InputError
+from rearticulate.extras import needs
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
@@ -24,7 +25,8 @@ def reported(command: Callable[..., None]) -> Callable[..., None]:
     def run(*args: Any, **kwargs: Any) -> None:
         with _warnings_in_one_line():
             try:
-                command(*args, **kwargs)
+                with needs():
+                    command(*args, **kwargs)
             except (typer.Exit, typer.Abort, typer.BadParameter):
                 raise
             except KeyboardInterrupt as interrupt:

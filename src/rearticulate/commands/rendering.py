@@ -8,6 +8,7 @@ from rearticulate.commands.options import check_up, parse_view
 from rearticulate.commands.outputs import check_file
 from rearticulate.commands.progress import StageProgress
 from rearticulate.errors import InputError
+from rearticulate.io.atomic import reserve
 from rearticulate.io.model import load_result, load_sequence_of
 from rearticulate.io.posture import load_posture
 from rearticulate.render.clip import check_clip, film, write_clip
@@ -28,9 +29,10 @@ def run_render(
     eye = eye or best_view(result, sequence, up=up)
     novel = novel_posture(result.model) if posture is None else load_posture(posture, result.model)
     story = Story(result, sequence, novel, eye, (size, size))
-    with StageProgress() as progress:
-        pictures = film(story, names, lambda share: progress("render", share))
-    write_clip(out, pictures)
+    with reserve(out):
+        with StageProgress() as progress:
+            pictures = film(story, names, lambda share: progress("render", share))
+        write_clip(out, pictures)
     print(out)
 
 

@@ -40,10 +40,10 @@ def run_retarget(
     result = load_result(folder)
     model, clicks = result.model, load_clicks(clicks_file)
     first = first_posture(result, frame, start)
-    source, found = solve(model, clicks, first, fixed_root, clicks_file)
-    last = Posture(found.q, found.T_world_root)
-    told = describe(model, clicks, found)
     with atomic_folder(out) as partial:
+        source, found = solve(model, clicks, first, fixed_root, clicks_file)
+        last = Posture(found.q, found.T_world_root)
+        told = describe(model, clicks, found)
         save_posture(partial / MARK, model, last, **told)
         save_posed(partial / "cloud.ply", model, last)
         way = blend(first, last, eased(STEPS))

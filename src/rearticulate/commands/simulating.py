@@ -8,6 +8,7 @@ from typing import Any
 from rearticulate.commands.show import print_json
 from rearticulate.errors import InputError
 from rearticulate.extras import needs
+from rearticulate.io.atomic import reserve
 from rearticulate.io.sequence import save_sequence
 from rearticulate.io.truth import save_truth
 from rearticulate.synth.simulate import simulate
@@ -21,10 +22,11 @@ def run_simulate(model: Path, out: Path, overwrite: bool, as_json: bool, setting
     for path in (out, truth_path):
         if path.exists() and not overwrite:
             raise InputError(f"{path}: exists; name another file or ask for --overwrite")
-    with needs("simulate"):
-        sequence, truth = simulate(model, **settings)
-    save_truth(truth_path, truth)
-    save_sequence(out, sequence)
+    with reserve(truth_path), reserve(out):
+        with needs("simulate"):
+            sequence, truth = simulate(model, **settings)
+        save_truth(truth_path, truth)
+        save_sequence(out, sequence)
     if as_json:
         paths = {"sequence": str(out), "truth": str(truth_path)}
         print_json({**paths, "frames": len(sequence), "parts": len(truth.parent)})

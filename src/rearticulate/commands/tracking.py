@@ -9,6 +9,7 @@ from rearticulate.commands.fitting import FitOptions, write_result
 from rearticulate.commands.progress import StageProgress
 from rearticulate.commands.show import print_json, show_scans
 from rearticulate.errors import InputWarning
+from rearticulate.io.atomic import reserve
 from rearticulate.io.model import check_output, load_result, load_sequence_of
 from rearticulate.io.palette import part_colors
 from rearticulate.io.ply import write_cloud
@@ -25,18 +26,19 @@ def run_track(
     folder: Path, source: str, out: Path, scale: float, max_points: int, overwrite: bool, report: bool, as_json: bool
 ) -> None:
     """The command `track`."""
-    check_output(out, overwrite=overwrite)
-    result, recorded = load_result(folder), load_sequence_of(folder)
-    scans = load_scans(source, scale=scale, max_points=max_points)
-    with StageProgress() as progress:
-        found = track(result, recorded, scans, lambda share: progress("track", share))
-    warn_of_strangers(recorded, scans, found)
-    whole, sequence = followed(result, scans, found)
+    with reserve(out):
+        check_output(out, overwrite=overwrite)
+        result, recorded = load_result(folder), load_sequence_of(folder)
+        scans = load_scans(source, scale=scale, max_points=max_points)
+        with StageProgress() as progress:
+            found = track(result, recorded, scans, lambda share: progress("track", share))
+        warn_of_strangers(recorded, scans, found)
+        whole, sequence = followed(result, scans, found)
 
-    def each_scan(partial: Path) -> None:
-        write_scans(partial / "scans", result, scans, found)
+        def each_scan(partial: Path) -> None:
+            write_scans(partial / "scans", result, scans, found)
 
-    write_result(out, whole, sequence, None, FitOptions(overwrite=overwrite, report=report), each_scan)
+        write_result(out, whole, sequence, None, FitOptions(overwrite=overwrite, report=report), each_scan)
     if as_json:
         print_json({"out": str(out), "scans": describe(result, scans, found)})
     else:

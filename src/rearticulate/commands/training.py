@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rearticulate.commands.outcome import say
 from rearticulate.errors import InputError
 from rearticulate.extras import needs
+from rearticulate.io.atomic import reserve
 
 
 @dataclass(frozen=True)
@@ -30,19 +32,22 @@ class TrainOptions:
 def run_train(out: Path, options: TrainOptions) -> None:
     """The command `train-flow`; under torchrun every process runs it."""
     config, run = _open(out, options)
-    first = run.step
-    if run.rank == 0:
-        say(f"training on {run.device} from step {first} to {config.steps}, {run.world} process(es)")
-    with Steps(config.steps, first, silent=run.rank > 0) as steps:
+    first, alone = run.step, nullcontext() if run.rank else reserve(out)
+    with alone, Steps(config.steps, first, silent=run.rank > 0) as steps:
+        if run.rank == 0:
+            say(f"training on {run.device} from step {first} to {config.steps}, {run.world} process(es)")
         run.train(steps, options.workers)
-    run.close()
-    if run.rank:
-        return
+        run.close()
+        if run.rank == 0:
+            _keep(out, run, config.seed)
+
+
+def _keep(out: Path, run: Any, seed: int) -> None:
     from rearticulate.network.weights import save_network
     from rearticulate.report.learning import draw_learning_curve
 
     weights, picture = out / "correspondence.safetensors", out / "learning.png"
-    save_network(weights, run.net, {"steps": run.step, "seed": config.seed})
+    save_network(weights, run.net, {"steps": run.step, "seed": seed})
     draw_learning_curve(run.history, picture)
     print(f"weights   {weights}\ncurve     {picture}")
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from rearticulate.io.atomic import atomic_file
 from rearticulate.records import FitResult, PointSequence, Posture
 from rearticulate.render.camera import View
 from rearticulate.render.canvas import Canvas, row
@@ -22,8 +23,9 @@ def write_pictures(folder: str | Path, result: FitResult, sequence: PointSequenc
     """Write both into an existing folder and return their paths."""
     parts, frames = Path(folder) / "parts.png", Path(folder) / "frames.png"
     view = best_view(result, sequence)
-    parts_picture(result, sequence, view).save(parts)
-    frames_picture(result, sequence, view).save(frames)
+    for path, picture in ((parts, parts_picture), (frames, frames_picture)):
+        with atomic_file(path) as partial:
+            picture(result, sequence, view).save(partial, format="PNG")
     return parts, frames
 
 
