@@ -13,7 +13,7 @@ import rearticulate
 
 ROOT = Path(rearticulate.__file__).parent
 LAYERS = [
-    {"errors", "extras", "machine", "parallel"},
+    {"errors", "extras", "machine", "parallel", "version"},
     {"bounds"},
     {"jsons", "geometry"},
     {"schema", "invariants"},

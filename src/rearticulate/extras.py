@@ -17,10 +17,6 @@ EXTRAS = {  # what brings a module that not every installation has
     "torch": "paper",
     "viser": "view",
     "yourdfpy": "simulate",
-    "airo_models": "train",
-    "dexmate_urdf": "train",
-    "example_robot_data": "train",
-    "rtbdata": "train",
     "mujoco": "dev",
 }
 

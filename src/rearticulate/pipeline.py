@@ -30,6 +30,7 @@ from rearticulate.solver.labels import Labeller
 from rearticulate.solver.relax import relax
 from rearticulate.solver.relaxed import Relaxed
 from rearticulate.solver.spherical import BallTree
+from rearticulate.version import code_hash, package_version
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -150,7 +151,8 @@ def scene_flow(frames: Frames, config: FitConfig, progress: Progress) -> tuple[S
 
 def fingerprint(sequence: PointSequence, config: FitConfig, seed: int) -> str:
     """Names everything a stage record depends on."""
-    digest = hashlib.sha256(json.dumps([dataclasses.asdict(config), seed], sort_keys=True).encode())
+    made_by = [package_version(), code_hash(), dataclasses.asdict(config), seed]
+    digest = hashlib.sha256(json.dumps(made_by, sort_keys=True).encode())
     for points in sequence.points:
         digest.update(np.ascontiguousarray(points).tobytes())
     return digest.hexdigest()
@@ -172,18 +174,23 @@ class Solver:
 
     def candidate(self, canonical: int) -> Candidate:
         relaxed = self.relaxed(canonical)
-        saved = self.store.load(f"articulated-{canonical}", self.mark)
-        if saved is not None:
-            labels, value = saved.pop("labels"), float(saved.pop("energy"))
-            tree = BallTree(**saved) if "centre" in saved else Articulated(**saved)
-            return Candidate(canonical, tree, labels, value, relaxed)
+        F, M = self.frames.n_frames, len(self.frames.points)
+        both = {"parent": ("P",), "T_root": (F, 4, 4), "labels": (M,), "energy": ()}
+        screws = {**both, "twist": ("P", 6), "revolute": ("P",), "q": (F, "P")}
+        balls = {**both, "centre": ("P", 3), "turn": (F, "P", 3)}
+        for kind, shapes in ((Articulated, screws), (BallTree, balls)):
+            saved = self.store.load(f"articulated-{canonical}", self.mark, shapes)
+            if saved is not None:
+                labels, value = saved.pop("labels"), float(saved.pop("energy"))
+                return Candidate(canonical, kind(**saved), labels, value, relaxed)
         found = self.articulated(canonical, relaxed)
         everything = {**vars(found.tree), "labels": found.labels, "energy": found.energy}
         self.store.save(f"articulated-{canonical}", self.mark, everything)
         return found
 
     def relaxed(self, canonical: int) -> Relaxed:
-        saved = self.store.load(f"relaxed-{canonical}", self.mark)
+        F, M = self.frames.n_frames, len(self.frames.points)
+        saved = self.store.load(f"relaxed-{canonical}", self.mark, {"T": (F, "P", 4, 4), "labels": (M,)})
         if saved is not None:
             return Relaxed(saved["T"], saved["labels"], int(saved["found"]))
         rng = np.random.default_rng([self.seed, canonical, 0])

@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from rearticulate.bench.cases import Case
-from rearticulate.bench.stamp import code_hash, config_hash
+from rearticulate.bench.stamp import config_hash
 from rearticulate.bench.variants import variant
+from rearticulate.version import code_hash
 
 Answer = dict[str, Any]  # see worker.run_case
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import platform
@@ -13,51 +12,20 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from rearticulate.config import FitConfig
+from rearticulate.version import PACKAGE, code_hash, digest, package_version
 
-PACKAGE = Path(__file__).resolve().parents[1]
-_CODE = (
-    "config.py",
-    "evaluation",
-    "export",
-    "geometry",
-    "io",
-    "network",
-    "pipeline.py",
-    "pose",
-    "records.py",
-    "render",
-    "results.py",
-    "shape",
-    "solver",
-    "synth",
-)
-_KINDS = (".py", ".safetensors")
 _LIBRARIES = ("numpy", "scipy", "numba", "torch")
 
 
 def config_hash(config: FitConfig) -> str:
-    return _digest(json.dumps(asdict(config), sort_keys=True).encode())
-
-
-def code_hash() -> str:
-    """Of all files that can change a result."""
-    kept = [PACKAGE / name for name in _CODE]
-    files = sorted(path for top in kept for path in (top, *top.rglob("*")) if path.suffix in _KINDS)
-    return _digest(*(part for path in files for part in (str(path.relative_to(PACKAGE)).encode(), path.read_bytes())))
-
-
-def _digest(*parts: bytes) -> str:
-    digest = hashlib.sha256()
-    for part in parts:
-        digest.update(part)
-    return digest.hexdigest()[:12]
+    return digest(json.dumps(asdict(config), sort_keys=True).encode())
 
 
 def stamp(configs: dict[str, FitConfig], seed: int, jobs: int) -> dict[str, str]:
     """One line each, for the head of the results. configs: by their names."""
     return {
         "date": datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC"),
-        "version": version("rearticulate"),
+        "version": package_version(),
         "commit": _commit(),
         "code": code_hash(),
         "configuration": ", ".join(f"{name} {config_hash(config)}" for name, config in configs.items()),

@@ -37,7 +37,6 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +59,7 @@ from rearticulate.records import (
     StageTime,
 )
 from rearticulate.schema import conform, real, rigid, whole
+from rearticulate.version import package_version
 
 FORMAT = 1
 _ARRAYS = {
@@ -183,7 +183,7 @@ def _describe(result: FitResult) -> dict[str, Any]:
     ]
     record = {
         "format": FORMAT,
-        "version": _package_version(),
+        "version": package_version(),
         "canonical": model.canonical,
         "parts": parts,
         "energy": result.energy,
@@ -195,13 +195,6 @@ def _describe(result: FitResult) -> dict[str, Any]:
         "machine": result.machine,
     }
     return _plain(record)
-
-
-def _package_version() -> str:
-    try:
-        return version("rearticulate")
-    except PackageNotFoundError:
-        return "unknown"
 
 
 def _plain(value: Any) -> Any:
