@@ -148,6 +148,47 @@ def test_a_stopped_fit_goes_on(
     assert "another sequence" in one_line(other)
 
 
+def test_a_report_that_cannot_be_written_leaves_the_result(
+    sequence_file: Path, fitter: list[dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*args: Any, **kwargs: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        patch.setattr("rearticulate.commands.fitting.write_report", full)
+        done = run("fit", sequence_file, "-o", out)
+    assert done.exit_code == 0
+    assert "warning: [Errno 28] No space left on device; the result is complete without it" in done.stderr
+    assert load_result(out).model.names == toy()[0].model.names
+    assert not (out / "report.html").exists()
+    assert run("fit", sequence_file, "-o", out, "--resume").exit_code == 0
+    assert (out / "report.html").exists()
+    assert len(fitter) == 1
+
+
+def test_a_folder_in_use_is_told_before_anything_is_read(
+    sequence_file: Path, fitter: list[dict[str, Any]], saved: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    code = "import sys\nfrom rearticulate.io.atomic import reserve\nwith reserve(sys.argv[1]):\n"
+    code += "    print('mine', flush=True)\n    sys.stdin.read()"
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", code, str(out)], **pipes) as other:  # type: ignore[call-overload]
+        assert other.stdout.readline().strip() == b"mine"
+        for command in (
+            ("fit", "no-such-input.npz", "-o", out),
+            ("track", saved, "no-such-scans.npz", "-o", out),
+            ("export", saved, "-o", out, "--format", "ply"),
+            ("demo", "-o", out),
+        ):
+            refused = run(*command)
+            assert (refused.exit_code, one_line(refused)) == (2, f"error: {out}: in use by another run")
+        other.stdin.close()
+    assert fitter == []
+    assert not out.exists()
+
+
 @pytest.mark.parametrize(
     ("error", "code", "text"),
     [

@@ -135,6 +135,29 @@ def test_a_stopped_fit_goes_on_where_it_was(hinge, stages, fitted, monkeypatch):
             fit(hinge[0], **{"config": QUICK, "store": stages, **other})
 
 
+def test_a_stage_of_another_version_or_other_contents_is_none(hinge, stages, fitted, monkeypatch):
+    mark = pipeline.fingerprint(hinge[0], QUICK, 0)
+    for version, code in (("0.0.1", pipeline.code_hash()), (pipeline.package_version(), "0" * 12)):
+        with monkeypatch.context() as patch:
+            patch.setattr(pipeline, "package_version", lambda version=version: version)
+            patch.setattr(pipeline, "code_hash", lambda code=code: code)
+            assert pipeline.fingerprint(hinge[0], QUICK, 0) != mark
+    key = f"articulated-{fitted.model.canonical}"
+    whole = stages.load(key, mark)
+    spoiled = [
+        {"labels": whole["labels"][1:]},
+        {"q": whole["q"][:, :1]},
+        {"more": np.zeros(1)},
+        {"energy": np.str_("")},
+    ]
+    for change in spoiled:
+        stages.save(key, mark, {**whole, **change})
+        with monkeypatch.context() as patch, pytest.raises(ZeroDivisionError):
+            patch.setattr(pipeline, "articulate", lambda *args: 1 / 0)
+            fit(hinge[0], QUICK, store=stages)
+    stages.save(key, mark, whole)
+
+
 def shared(a, b):
     return rand_index(np.concatenate(a.labels), np.concatenate(b))
 
