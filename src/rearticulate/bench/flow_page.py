@@ -20,7 +20,6 @@ from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
 from rearticulate.solver.flow import SceneFlow
 from rearticulate.solver.frames import make_frames
-from rearticulate.solver.neural.observe import observed_flow
 from rearticulate.solver.track import track
 from rearticulate.synth.perturb import stepped_pair
 
@@ -55,6 +54,8 @@ def patch_tracking(config: TrackConfig, a: Array, b: Array) -> SceneFlow:
 
 def network_matches(refined: bool, a: Array, b: Array) -> SceneFlow:
     """Matches of the shipped network, as they are or refined."""
+    from rearticulate.solver.neural.observe import observed_flow
+
     frames, config = make_frames([a, b]), PRESETS["paper"]
     flow = observed_flow(frames, replace(config, neural=replace(config.neural, refined=refined)))[0]
     return SceneFlow(flow.anchors * frames.unit + frames.centre, flow.vectors * frames.unit)
