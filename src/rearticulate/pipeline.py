@@ -190,7 +190,7 @@ class Solver:
 
     def relaxed(self, canonical: int) -> Relaxed:
         F, M = self.frames.n_frames, len(self.frames.points)
-        saved = self.store.load(f"relaxed-{canonical}", self.mark, {"T": (F, "P", 4, 4), "labels": (M,)})
+        saved = self.store.load(f"relaxed-{canonical}", self.mark, {"T": (F, "P", 4, 4), "labels": (M,), "found": ()})
         if saved is not None:
             return Relaxed(saved["T"], saved["labels"], int(saved["found"]))
         rng = np.random.default_rng([self.seed, canonical, 0])
