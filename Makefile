@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := $(if $(filter Windows_NT,$(OS)),.venv/Scripts,.venv/bin)
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: help install demo test check bench pictures lock clean
+.PHONY: help install demo test check bench extras pictures lock clean
 
 help:
 	@echo "make demo      fit a bundled sequence, print the metrics and the path of the report"
@@ -11,6 +11,7 @@ help:
 	@echo "make install   only the environment, in .venv"
 	@echo "make check     lint, format, types and tests"
 	@echo "make bench     the benchmark tables (rearticulate bench)"
+	@echo "make extras    every extra alone in a fresh environment, every command once (a network, some GB)"
 	@echo "make pictures  the pictures of the README"
 	@echo "make lock      pin all dependencies anew in constraints.txt"
 
@@ -30,6 +31,9 @@ check: install
 
 bench: install
 	$(BIN)/rearticulate bench
+
+extras:
+	$(PYTHON) scripts/check_extras.py .venv/extras
 
 pictures: demo install
 	$(BIN)/rearticulate render demo-out -o docs/clip.gif --size 200 --overwrite
