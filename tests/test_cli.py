@@ -11,9 +11,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from rearticulate.cli import app
-from rearticulate.commands.inspect import unit_guess
 from rearticulate.commands.simulating import truth_beside
 from rearticulate.errors import FitError, InputError
+from rearticulate.io.measure import unit_guess
 from rearticulate.io.model import load_result, load_sequence_of, save_result
 from rearticulate.io.sequence import save_sequence
 from rearticulate.io.stages import StageStore

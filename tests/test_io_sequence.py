@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from rearticulate.errors import FitError, InputError, InputWarning
 from rearticulate.io import check_sequence, load_sequence, load_truth, save_sequence, save_truth
 from rearticulate.io.check import split_far_apart, spread_of
-from rearticulate.io.readers import natural_order
+from rearticulate.io.order import natural_order
 from rearticulate.records import GroundTruth, PointSequence
 
 
@@ -155,19 +155,22 @@ def test_natural_order_is_the_order_of_the_numbers(numbers: list[int]) -> None:
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**31), st.integers(0, 40), st.integers(0, 40))
 def test_cleaning_drops_exactly_what_is_broken_or_double(seed: int, n_broken: int, n_double: int) -> None:
-    from rearticulate.io.sequence import _clean
+    from rearticulate.io.clean import BROKEN, DOUBLE, MISSING, SURPLUS, clean
 
     rng = np.random.default_rng(seed)
     raw = rng.integers(-9, 10, (200, 3)).astype(float)  # a coarse grid: many rows are double by chance, -0.0 among them
     raw[rng.random(200) < 0.1] *= -0.0
     raw = np.concatenate([raw, raw[rng.integers(0, 200, n_double)]])
     raw[rng.permutation(len(raw))[:n_broken], rng.integers(3)] = rng.choice([np.nan, np.inf, 3.4e38])
-    kept, row, dropped = _clean(raw, 10**6, rng)
+    raw = raw[(raw != 0).any(axis=1)]  # what sensors write where they saw nothing
+    cleaned, _ = clean(raw, 10**6, rng)
+    kept, row = cleaned.points, cleaned.rows
     good = raw[np.isfinite(raw).all(1) & (np.abs(raw) < 1e30).all(1)]
     assert {tuple(p) for p in kept.tolist()} == {tuple(p) for p in (good + 0.0).tolist()}
     assert len(np.unique(kept, axis=0)) == len(kept)
     np.testing.assert_array_equal(kept, raw[row])
-    assert dropped == {"broken": len(raw) - len(good), "double": len(good) - len(kept), "thinned": 0}
+    counts = {BROKEN: len(raw) - len(good), DOUBLE: len(good) - len(kept), MISSING: 0, SURPLUS: 0}
+    assert cleaned.dropped == counts
 
 
 def test_what_is_dropped_is_told_with_frame_and_number(tmp_path: Path) -> None:

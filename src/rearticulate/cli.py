@@ -44,6 +44,8 @@ app = typer.Typer(
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on stdout.")]
 Scale = Annotated[float, typer.Option(help="Metres in one unit of the input (0.001 for millimetres).")]
+MaxPoints = Annotated[int, typer.Option(help="Larger frames are subsampled.")]
+MaxBytes = Annotated[int, typer.Option(help="What one file of points may take in memory, unpacked.")]
 Seed = Annotated[int, typer.Option(help="Seed; the same seed gives the same result.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result.")]
 ResultFolder = Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a result.")]
@@ -97,15 +99,17 @@ def fit(
     resume: Annotated[bool, typer.Option("--resume", help="Go on from a stopped fit.")] = False,
     overwrite: Overwrite = False,
     scale: Scale = 1.0,
-    max_points: Annotated[int, typer.Option(help="Larger frames are subsampled.")] = 20_000,
+    max_points: MaxPoints = 20_000,
+    max_bytes: MaxBytes = 2 * 2**30,
     no_report: Annotated[bool, typer.Option("--no-report", help="Write no report.html and no pictures.")] = False,
     json: Json = False,
 ) -> None:
     """Fit a model to a sequence of point clouds."""
     from rearticulate.commands.fitting import FitOptions, run_fit
+    from rearticulate.commands.options import InputOptions
 
     options = FitOptions(preset, config, canonical, seed, device, resume, overwrite, not no_report)
-    run_fit(source, output, options, scale, max_points, json)
+    run_fit(source, output, options, InputOptions(scale, max_points, max_bytes), json)
 
 
 @app.command()
@@ -183,15 +187,17 @@ def track(
     scans: Annotated[str, typer.Argument(metavar="SCANS", help="New scans: a file, a folder, a quoted pattern.")],
     output: OutFolder,
     scale: Scale = 1.0,
-    max_points: Annotated[int, typer.Option(help="Larger scans are subsampled.")] = 20_000,
+    max_points: MaxPoints = 20_000,
+    max_bytes: MaxBytes = 2 * 2**30,
     overwrite: Overwrite = False,
     no_report: Annotated[bool, typer.Option("--no-report", help="Write no report.html and no pictures.")] = False,
     json: Json = False,
 ) -> None:
     """Joint values, root pose and labels of new scans of the same object."""
+    from rearticulate.commands.options import InputOptions
     from rearticulate.commands.tracking import run_track
 
-    run_track(result, scans, output, scale, max_points, overwrite, not no_report, json)
+    run_track(result, scans, output, InputOptions(scale, max_points, max_bytes), overwrite, not no_report, json)
 
 
 @app.command()
@@ -356,12 +362,14 @@ def info(
         str, typer.Argument(metavar="FILE", help="A sequence, a ground truth or the folder of a result.")
     ],
     scale: Scale = 1.0,
+    max_bytes: MaxBytes = 2 * 2**30,
     json: Json = False,
 ) -> None:
     """What is in a sequence or a model."""
     from rearticulate.commands.inspect import run_info
+    from rearticulate.commands.options import InputOptions
 
-    run_info(source, scale, json)
+    run_info(source, InputOptions(scale, max_bytes=max_bytes), json)
 
 
 if __name__ == "__main__":

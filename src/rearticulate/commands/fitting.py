@@ -10,13 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from rearticulate.bounds import Seed, Settings
+from rearticulate.commands.options import InputOptions
 from rearticulate.commands.outcome import say
 from rearticulate.commands.progress import StageProgress
-from rearticulate.commands.show import print_json, show_metrics, show_result
+from rearticulate.commands.show import print_json, show_facts, show_metrics, show_result
 from rearticulate.config import FitConfig, load_config, preset
 from rearticulate.errors import FitError, InputError
 from rearticulate.io.atomic import reserve
+from rearticulate.io.measure import warn_of_unit
 from rearticulate.io.model import check_output, load_result, load_sequence_of, save_result
+from rearticulate.io.order import describe_order
 from rearticulate.io.sequence import load_sequence
 from rearticulate.io.stages import StageStore
 from rearticulate.records import FitResult, PointSequence
@@ -57,14 +60,16 @@ class FitOptions(Settings):
         return int(self.canonical)
 
 
-def run_fit(source: str, out: Path, options: FitOptions, scale: float, max_points: int, as_json: bool) -> None:
+def run_fit(source: str, out: Path, options: FitOptions, given: InputOptions, as_json: bool) -> None:
     """The command `fit`."""
     config, canonical = options.resolve(), options.canonical_frame()
     with reserve(out):
         finished = options.resume and not options.overwrite and (out / "model.json").exists()
         if not finished:
             check_output(out, overwrite=options.overwrite)
-        sequence = load_sequence(source, scale=scale, max_points=max_points, seed=options.seed)
+        sequence = load_sequence(source, **given.keywords(), seed=options.seed)
+        if given.scale == 1.0:
+            warn_of_unit(sequence)
         if finished:
             result = _finished(out, sequence, config, canonical, options.seed)
             if options.report and not (out / REPORT).exists():
@@ -73,9 +78,10 @@ def run_fit(source: str, out: Path, options: FitOptions, scale: float, max_point
             result = fit_with_progress(sequence, config, canonical, out, options)
             write_result(out, result, sequence, None, options)
     if as_json:
-        print_json({"out": str(out), **result_as_dict(result, sequence)})
+        print_json({"out": str(out), "frame_names": sequence.names, **result_as_dict(result, sequence)})
         return
     show_result(result, sequence)
+    show_facts({"order": describe_order(sequence.names)})
     print(_written(out))
 
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial import KDTree
 
+from rearticulate.commands.options import InputOptions
 from rearticulate.commands.show import print_json, show_facts, show_metrics, show_result
+from rearticulate.io.measure import extent, grid_step, median_spacing, unit_guess
 from rearticulate.io.model import load_result, load_sequence_of
+from rearticulate.io.order import describe_order
 from rearticulate.io.sequence import load_sequence
 from rearticulate.io.truth import load_truth
 from rearticulate.records import GroundTruth, PointSequence
@@ -34,16 +37,16 @@ def run_eval(folder: Path, truth_file: Path, report: bool, as_json: bool) -> Non
         show_metrics(metrics)
 
 
-def run_info(source: str, scale: float, as_json: bool) -> None:
+def run_info(source: str, given: InputOptions, as_json: bool) -> None:
     """The command `info`."""
     path = Path(source)
     folder = path.parent if path.name == "model.json" else path
-    if (folder / "model.json").exists():
+    if os.path.exists(folder / "model.json"):  # False where the name itself is impossible
         _info_of_result(folder, as_json)
     elif path.name.endswith(".truth.npz"):
         _info_of_truth(load_truth(path), as_json)
     else:
-        _info_of_sequence(load_sequence(source, scale=scale), as_json)
+        _info_of_sequence(load_sequence(source, **given.keywords()), as_json)
 
 
 def _info_of_result(folder: Path, as_json: bool) -> None:
@@ -72,20 +75,22 @@ def _info_of_truth(truth: GroundTruth, as_json: bool) -> None:
 
 def _info_of_sequence(sequence: PointSequence, as_json: bool) -> None:
     sizes = [len(p) for p in sequence.points]
-    extent = np.ptp(np.concatenate(sequence.points), axis=0)
-    spacing = median_spacing(sequence)
-    unit, advice = unit_guess(float(np.linalg.norm(extent)))
+    box = extent(sequence)
+    spacing, step = median_spacing(sequence), grid_step(sequence.points[len(sequence) // 2])
+    unit, advice = unit_guess(float(np.linalg.norm(box)))
     if as_json:
         facts = {"frames": len(sequence), "points": sizes, "source_points": sequence.source_points}
-        facts |= {"size": extent, "spacing": spacing, "unit_guess": unit}
+        facts |= {"names": sequence.names, "size": box, "spacing": spacing, "step": step, "unit_guess": unit}
         print_json({"kind": "sequence", **facts})
         return
     show_facts(
         {
             "frames": str(len(sequence)),
+            "order": describe_order(sequence.names),
             "points a frame": points_a_frame(sequence),
-            "size": " × ".join(length(float(x)) for x in extent) + ", if in metres",
+            "size": " × ".join(length(float(x)) for x in box) + ", if in metres",
             "spacing": f"{length(spacing)} to the nearest point (median)",
+            "step": "none: coordinates are not rounded" if not step.any() else f"{length(step.max())} of coordinates",
             "unit": f"{unit}{advice}",
         }
     )
@@ -100,22 +105,3 @@ def points_a_frame(sequence: PointSequence) -> str:
 
 def _range(counts: Sequence[int]) -> str:
     return str(counts[0]) if len(set(counts)) == 1 else f"{min(counts)} to {max(counts)}"
-
-
-def median_spacing(sequence: PointSequence) -> float:
-    """Median distance of a point of the middle frame to its nearest neighbour."""
-    points = sequence.points[len(sequence) // 2]
-    if len(points) < 2:
-        return float("nan")
-    return float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
-
-
-def unit_guess(diagonal: float) -> tuple[str, str]:
-    """The unit that makes an object of everyday size (2 cm to 20 m) of this diagonal, and what to do about it."""
-    if 0.02 <= diagonal < 20:
-        return "metres", ""
-    if 20 <= diagonal < 200:
-        return "centimetres", ": fit with --scale 0.01"
-    if 200 <= diagonal < 20_000:
-        return "millimetres", ": fit with --scale 0.001"
-    return "unknown", ": no everyday object in metres, centimetres or millimetres"

@@ -3,9 +3,25 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from rearticulate.errors import InputError
+from rearticulate.io.budget import MAX_BYTES
 from rearticulate.render.camera import View
+
+
+@dataclass(frozen=True)
+class InputOptions:
+    """What the command line says about the files of points; see `io.sequence.load_sequence`."""
+
+    scale: float = 1.0
+    max_points: int = 20_000
+    max_bytes: int = MAX_BYTES
+
+    def keywords(self) -> dict[str, Any]:
+        """For `load_sequence` and `load_scans`."""
+        return asdict(self)
 
 
 def check_up(up: str) -> str:

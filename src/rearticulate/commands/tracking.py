@@ -6,11 +6,13 @@ import warnings
 from pathlib import Path
 
 from rearticulate.commands.fitting import FitOptions, write_result
+from rearticulate.commands.options import InputOptions
 from rearticulate.commands.progress import StageProgress
-from rearticulate.commands.show import print_json, show_scans
+from rearticulate.commands.show import print_json, show_facts, show_scans
 from rearticulate.errors import InputWarning
 from rearticulate.io.atomic import reserve
 from rearticulate.io.model import check_output, load_result, load_sequence_of
+from rearticulate.io.order import describe_order
 from rearticulate.io.palette import part_colors
 from rearticulate.io.ply import write_cloud
 from rearticulate.io.posture import named_values, save_posture
@@ -23,13 +25,13 @@ STRANGE = 3.0  # mean distance of a scan from the model, in point spacings of th
 
 
 def run_track(
-    folder: Path, source: str, out: Path, scale: float, max_points: int, overwrite: bool, report: bool, as_json: bool
+    folder: Path, source: str, out: Path, given: InputOptions, overwrite: bool, report: bool, as_json: bool
 ) -> None:
     """The command `track`."""
     with reserve(out):
         check_output(out, overwrite=overwrite)
         result, recorded = load_result(folder), load_sequence_of(folder)
-        scans = load_scans(source, scale=scale, max_points=max_points)
+        scans = load_scans(source, **given.keywords())
         with StageProgress() as progress:
             found = track(result, recorded, scans, lambda share: progress("track", share))
         warn_of_strangers(recorded, scans, found)
@@ -43,6 +45,7 @@ def run_track(
         print_json({"out": str(out), "scans": describe(result, scans, found)})
     else:
         show_scans(result.model, scans.names, found.motion, found.residual)
+        show_facts({"order": describe_order(scans.names)})
         print(out)
 
 

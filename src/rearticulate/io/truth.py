@@ -17,7 +17,7 @@ import numpy as np
 
 from rearticulate.errors import InputError
 from rearticulate.io.npz import load_arrays, save_arrays
-from rearticulate.io.readers import natural_order
+from rearticulate.io.order import natural_order
 from rearticulate.records import GroundTruth
 
 _JOINT_KEYS = ("joint_type", "joint_axis", "joint_point", "joint_state")
