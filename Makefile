@@ -3,11 +3,12 @@ PYTHON ?= python3
 BIN := $(if $(filter Windows_NT,$(OS)),.venv/Scripts,.venv/bin)
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: help install demo test check bench extras pictures lock clean
+.PHONY: help install demo test fast check bench extras pictures lock clean
 
 help:
 	@echo "make demo      fit a bundled sequence, print the metrics and the path of the report"
 	@echo "make test      install everything and run the tests"
+	@echo "make fast      the tests that take less than a minute together"
 	@echo "make install   only the environment, in .venv"
 	@echo "make check     lint, format, types and tests"
 	@echo "make bench     the benchmark tables (rearticulate bench)"
@@ -22,6 +23,9 @@ demo: .venv/runtime.stamp
 
 test: install
 	$(BIN)/python -m pytest
+
+fast: install
+	$(BIN)/python -m pytest -m "not slow"
 
 check: install
 	$(BIN)/ruff check
