@@ -19,28 +19,11 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from clouds import clouds, refusal
 from rearticulate.errors import FitError, InputError, InputWarning
 from rearticulate.io import check_sequence, load_sequence, load_truth, save_sequence, save_truth
 from rearticulate.io.check import split_far_apart, spread_of
-from rearticulate.io.order import natural_order
 from rearticulate.records import GroundTruth, PointSequence
-
-
-def clouds(n_frames: int = 3, n_points: int = 150, seed: int = 0) -> np.ndarray:
-    """(F, N, 3) random blobs whose coordinates float32 holds exactly."""
-    points = np.random.default_rng(seed).normal(size=(n_frames, n_points, 3))
-    return points.astype(np.float32).astype(np.float64)
-
-
-def refusal(path: Path | str, **options: float) -> str:
-    """The line that the loader refuses `path` with."""
-    with pytest.raises(InputError) as caught:
-        load_sequence(path, **options)
-    line = str(caught.value)
-    assert "\n" not in line
-    assert str(path) in line
-    return line
-
 
 # -- the same points from every format ---------------------------------------------------------------------------------
 
@@ -142,11 +125,6 @@ def test_real_sequences_load_without_a_word(data_folder: Path) -> None:
         with np.load(path) as archive:
             np.testing.assert_array_equal(np.array(sequence.points), archive["points"])
         assert all((index == np.arange(4096)).all() for index in sequence.index)
-
-
-@given(st.lists(st.integers(0, 10**6), min_size=1, max_size=8, unique=True))
-def test_natural_order_is_the_order_of_the_numbers(numbers: list[int]) -> None:
-    assert natural_order(f"scan{n}.ply" for n in numbers) == [f"scan{n}.ply" for n in sorted(numbers)]
 
 
 # -- cleaning ----------------------------------------------------------------------------------------------------------

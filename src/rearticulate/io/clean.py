@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from rearticulate.records import Array, IntArray
 
 _FAR = 1e30  # sensors mark missing points with huge numbers; no coordinate in any unit is as large
-_OFTEN = 0.01  # a coordinate that is repeated as often as this share of the points (and ten times) was never measured
+_OFTEN = 0.01  # what is repeated as often as this share of the points, and much oftener than others, was not measured
+_OFTENER = 20
 
 BROKEN = "points with NaN, infinite or absurd coordinates dropped"
 MISSING = "points dropped that all lie at one place, as sensors write what they did not see"
@@ -40,7 +41,7 @@ def clean(raw: NDArray[np.generic], max_points: int, rng: np.random.Generator) -
     points = np.asarray(raw[row], dtype=np.float64) + 0.0  # -0.0 and 0.0 are one number
     first, count = _places(points)
     at_origin = ~points[first].any(axis=1)
-    often = count >= max(10, _OFTEN * len(points))
+    often = count >= max(_OFTEN * len(points), _OFTENER * np.median(count) if len(count) else 0)
     missing = (often & (not often.all())) | (at_origin & (count > 1))
     places = first[~missing]
     surplus = max(len(places) - max_points, 0)
