@@ -228,12 +228,13 @@ def view(
     host: Annotated[str, typer.Option(help="Address to listen at; 0.0.0.0 for the whole network.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="0 for any that is free.")] = 8080,
     up: Up = "z",
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="The page may replace an earlier export.")] = False,
     browser: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
     """See and move a result in the browser: play, slide joints, drag points, save, export."""
     from rearticulate.commands.viewing import run_view
 
-    run_view(result, other, host, port, up, browser)
+    run_view(result, other, host, port, up, overwrite, browser)
 
 
 @app.command("eval")

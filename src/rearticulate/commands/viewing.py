@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rearticulate.commands.options import check_up
-from rearticulate.errors import FitError, InputError
+from rearticulate.commands.outputs import check_folder
+from rearticulate.errors import FitError
 from rearticulate.export.robot import ExportConfig
 from rearticulate.export.write import MARK, save_robot
 from rearticulate.extras import needs
-from rearticulate.io.atomic import atomic_file
 from rearticulate.io.model import load_result, load_sequence_of
+from rearticulate.io.numbered import write_numbered
 from rearticulate.io.posture import save_posture
 from rearticulate.render.viewpoint import best_view
 
@@ -26,13 +27,12 @@ if TYPE_CHECKING:
     from rearticulate.view.stage import Stage
 
 
-def run_view(folder: Path, other: Path | None, host: str, port: int, up: str, browser: bool) -> None:
+def run_view(folder: Path, other: Path | None, host: str, port: int, up: str, overwrite: bool, browser: bool) -> None:
     """The command `view`: serves until it is interrupted."""
-    stage = open_stage([folder] if other is None else [folder, other], host, port, check_up(up))
-    url = f"http://{'127.0.0.1' if host == '0.0.0.0' else host}:{stage.server.get_port()}"
-    print(f"{url}  (Ctrl-C to stop)", flush=True)
+    stage = open_stage([folder] if other is None else [folder, other], host, port, check_up(up), overwrite)
+    print(f"{stage.address}  (Ctrl-C to stop)", flush=True)
     if browser:
-        webbrowser.open(url)
+        webbrowser.open(stage.address)
     try:
         while True:
             time.sleep(3600)
@@ -40,20 +40,25 @@ def run_view(folder: Path, other: Path | None, host: str, port: int, up: str, br
         stage.server.stop()
 
 
-def open_stage(folders: list[Path], host: str, port: int, up: str) -> Stage:
-    """A server that shows the results."""
+def open_stage(folders: list[Path], host: str, port: int, up: str, overwrite: bool = False) -> Stage:
+    """A server that shows the results, to those who know its address. overwrite: it may replace an earlier export."""
     loaded = [(load_result(folder), load_sequence_of(folder)) for folder in folders]
     names = stage_names(folders)
     view = best_view(*loaded[0], up=up)
     with needs("view"):
         import viser
 
+        from rearticulate.view.gate import Gate, guarded
         from rearticulate.view.stage import Stage
-    _check_free(host, port)
-    with redirect_stdout(io.StringIO()):  # its banner
-        server = viser.ViserServer(host=host, port=port or _any_port(host), label="rearticulate", verbose=False)
+    port = _free_port(host, port)
+    gate = Gate(host, port)
+    with guarded(gate), redirect_stdout(io.StringIO()):  # its banner
+        server = viser.ViserServer(host=host, port=port, label="rearticulate", verbose=False)
+    if server.get_port() != port:  # taken in between: viser has gone on to the next in silence
+        server.stop()
+        raise FitError(f"{host}:{port}: cannot listen there (taken); try another --port")
     shown = [(name, *pair) for name, pair in zip(names, loaded, strict=True)]
-    return Stage(server, shown, savers(dict(zip(names, folders, strict=True)), up), view)
+    return Stage(server, shown, savers(dict(zip(names, folders, strict=True)), up, overwrite), view, gate.address)
 
 
 def stage_names(folders: list[Path]) -> list[str]:
@@ -62,52 +67,36 @@ def stage_names(folders: list[Path]) -> list[str]:
     return names if len(set(names)) == len(names) else [f"{name} {k + 1}" for k, name in enumerate(names)]
 
 
-def savers(folders: dict[str, Path], up: str) -> Savers:
-    """Saved things go into the folder of the result: postures/, export/, screenshots/."""
+def savers(folders: dict[str, Path], up: str, overwrite: bool) -> Savers:
+    """Saved things go into the folder of the result: postures/, export/, screenshots/. Only an export is ever replaced,
+    and that by the rule of the command `export`."""
     from rearticulate.view.controls import Savers
 
     def posture(actor: Actor) -> Path:
-        path = numbered(folders[actor.name] / "postures", ".json")
-        save_posture(path, actor.model, actor.posture)
-        return path
+        posture = actor.posture
+        folder = folders[actor.name] / "postures"
+        return write_numbered(folder, ".json", lambda path: save_posture(path, actor.model, posture))
 
     def export(actor: Actor) -> Path:
         folder = folders[actor.name]
         out = folder / "export"
-        if out.exists() and any(out.iterdir()) and not (out / MARK).exists():
-            raise InputError(f"{out}: not an earlier export, so it is not replaced")
+        check_folder(out, MARK, "export", overwrite)
         with needs("export"):
             save_robot(out, actor.result, actor.sequence, name=folder.resolve().name, config=ExportConfig(up=up))
         return out
 
     def screenshot(actor: Actor, png: bytes) -> Path:
-        path = numbered(folders[actor.name] / "screenshots", ".png")
-        with atomic_file(path) as partial:
-            partial.write_bytes(png)
-        return path
+        return write_numbered(folders[actor.name] / "screenshots", ".png", lambda path: path.write_bytes(png))
 
     return Savers(posture, export, screenshot)
 
 
-def numbered(folder: Path, suffix: str) -> Path:
-    """001, 002, ...: the first that is not there."""
-    k = 1
-    while (path := folder / f"{k:03d}{suffix}").exists():
-        k += 1
-    return path
-
-
-def _check_free(host: str, port: int) -> None:
-    """viser would take the next free port in silence."""
+def _free_port(host: str, port: int) -> int:
+    """The port, or for 0 any that is free. viser would take the next one in silence."""
     with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((host, port))
+            return int(probe.getsockname()[1])
         except (OSError, OverflowError) as error:
             raise FitError(f"{host}:{port}: cannot listen there ({error}); try another --port") from error
-
-
-def _any_port(host: str) -> int:
-    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
-        probe.bind((host, 0))
-        return int(probe.getsockname()[1])

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from rearticulate.records import FitResult
+from rearticulate.report.escape import in_label
 
 Figure = dict[str, Any]
 MAIN, MARKED = "#4c78a8", "#e4572e"
@@ -33,12 +34,15 @@ def time_chart(result: FitResult) -> Figure:
     trace = {
         "type": "bar",
         "orientation": "h",
-        "y": [s.name for s in result.stages],
+        "y": [in_label(s.name) for s in result.stages],
         "x": [s.seconds for s in result.stages],
         "marker": {"color": MAIN},
         "hovertemplate": "%{y}: %{x:.2f} s<extra></extra>",
     }
-    layout = {"xaxis": {"title": {"text": "seconds"}}, "yaxis": {"autorange": "reversed", "automargin": True}}
+    layout = {
+        "xaxis": {"title": {"text": "seconds"}},
+        "yaxis": {"type": "category", "autorange": "reversed", "automargin": True},
+    }
     return {"data": [trace], "layout": layout}
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 from importlib import resources
 from pathlib import Path
 from string import Template
@@ -14,7 +12,8 @@ from rearticulate.io.atomic import atomic_file
 from rearticulate.records import FitResult, IntArray, Metric, PointSequence
 from rearticulate.report import charts, scene, tables
 from rearticulate.report.advice import advice
-from rearticulate.report.summary import headline, jsonable
+from rearticulate.report.escape import in_html, in_script
+from rearticulate.report.summary import headline
 from rearticulate.report.support import Support, support
 
 FILE_NAME = "report.html"
@@ -47,15 +46,15 @@ def _page(result: FitResult, sequence: PointSequence, score: Score | None, title
     template = resources.files("rearticulate.report").joinpath("page.html").read_text(encoding="utf-8")
     seen = support(result, sequence)
     return Template(template).substitute(
-        title=escape(title),
-        facts="".join(f"<li>{escape(fact)}</li>" for fact in headline(result, sequence)),
-        notes="".join(f'<p class="warn">{escape(note)}</p>' for note in result.notes),
+        title=in_html(title),
+        facts="".join(f"<li>{in_html(fact)}</li>" for fact in headline(result, sequence)),
+        notes="".join(f'<p class="warn">{in_html(note)}</p>' for note in result.notes),
         score=_score(score) if score else "",
         tree=tables.tree(result.model),
         joints=tables.joint_table(result),
         advice=tables.advice_table(advice(result, sequence, seen)),
         configuration=tables.configuration(result),
-        figures=_script_json(_figures(result, sequence, seen, score)),
+        figures=in_script(_figures(result, sequence, seen, score)),
         plotly=_plotly_source(),
     )
 
@@ -85,11 +84,6 @@ def _figures(result: FitResult, sequence: PointSequence, seen: Support, score: S
 
 def _section(title: str, body: str) -> str:
     return f"<section><h2>{title}</h2>{body}</section>"
-
-
-def _script_json(value: object) -> str:
-    """JSON that cannot end its script element."""
-    return json.dumps(jsonable(value), separators=(",", ":")).replace("</", "<\\/")
 
 
 def _plotly_source() -> str:

@@ -15,6 +15,7 @@ from rearticulate.geometry.thin import thinned
 from rearticulate.io.palette import part_hex
 from rearticulate.records import FitResult, KinematicModel, PointSequence
 from rearticulate.render.axes import axis_segments
+from rearticulate.report.escape import in_label
 from rearticulate.report.support import Support
 
 Array = NDArray[np.floating]
@@ -125,7 +126,7 @@ def _points_trace(name: str, points: Array, color: str, size: float) -> dict[str
     return {
         "type": "scatter3d",
         "mode": "markers",
-        "name": name,
+        "name": in_label(name),
         **_xyz(points),
         "marker": {"size": size, "color": color},
         "hovertemplate": "%{fullData.name}<br>%{x:.3f} %{y:.3f} %{z:.3f} m<extra></extra>",
@@ -136,7 +137,7 @@ def _line_trace(name: str, points: Array, color: str, width: float) -> dict[str,
     return {
         "type": "scatter3d",
         "mode": "lines",
-        "name": name,
+        "name": in_label(name),
         **_xyz(points),
         "line": {"color": color, "width": width},
         "connectgaps": False,
@@ -146,7 +147,7 @@ def _line_trace(name: str, points: Array, color: str, width: float) -> dict[str,
 
 def _axes_trace(segments: Array, labels: list[str]) -> dict[str, Any]:
     trace = _line_trace("joint axes", _with_breaks(segments), "ink", 6)
-    text = [t for label in labels for t in (label, label, "")]
+    text = [t for label in map(in_label, labels) for t in (label, label, "")]
     return {**trace, "text": text, "hoverinfo": "text"}
 
 

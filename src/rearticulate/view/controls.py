@@ -7,20 +7,17 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import viser
 from PIL import Image
 
-from rearticulate.io.palette import part_colors
 from rearticulate.pose.blend import between_frames
 from rearticulate.records import Posture
 from rearticulate.render.panels import novel_posture
-from rearticulate.report.confidence import confidence
-from rearticulate.report.summary import headline, joint_range
-from rearticulate.report.tables import tree
+from rearticulate.view import words
 from rearticulate.view.actor import Actor
 from rearticulate.view.hand import Hand
 
@@ -33,11 +30,12 @@ SHOT = (1080, 1600)  # pixels of a screenshot where the browser does not tell it
 
 @dataclass(frozen=True)
 class Savers:
-    """What the buttons do with files. Each gets the actor and returns the path it wrote."""
+    """What the buttons do with files, one press at a time. Each gets the actor and returns the path it wrote."""
 
     posture: Callable[[Actor], Path]
     export: Callable[[Actor], Path]
     screenshot: Callable[[Actor, bytes], Path]
+    busy: threading.Lock = field(default_factory=threading.Lock)
 
 
 class Controls:
@@ -49,7 +47,7 @@ class Controls:
         self.along: list[Controls] = []  # of other fits of the same recording, which show the same moment
         self.hand = Hand(server, actor, self._synchronize)
         gui = server.gui
-        gui.add_markdown("**" + actor.name + "** · " + " · ".join(headline(actor.result, actor.sequence)[:3]))
+        gui.add_html(words.title(actor.name, actor.result, actor.sequence))
         with gui.add_folder("Recording"):
             self._add_recording()
         with gui.add_folder("Joints"):
@@ -77,7 +75,7 @@ class Controls:
     def pick(self, row: int) -> None:
         """A point of the actor's cloud was clicked: the hand takes it, its part is described."""
         self.hand.take(row)
-        self.picked.content = describe_part(self.actor, self.hand.part)
+        self.picked.content = words.described(self.actor.result, self.hand.part)
 
     def _synchronize(self) -> None:
         for where, slider in self.sliders.items():
@@ -166,7 +164,7 @@ class Controls:
 
     def _add_hand(self) -> None:
         gui = self._server.gui
-        gui.add_markdown("Click a point of the object, then drag the arrows.")
+        gui.add_html(words.says("Click a point of the object, then drag the arrows."))
         root = gui.add_checkbox("the root may move", False)
         pins = gui.add_button_group(
             "points", ("Pin", "Unpin all"), hint="A pinned point stays while others are dragged."
@@ -191,8 +189,8 @@ class Controls:
 
     def _add_parts(self) -> None:
         gui, model = self._server.gui, self.actor.model
-        gui.add_html('<div style="padding:0 1em;font-size:0.85em">' + _spaced(tree(model)) + "</div>")
-        self.picked = gui.add_markdown(describe_part(self.actor, self.hand.part))
+        gui.add_html(words.tree_of(model))
+        self.picked = gui.add_html(words.described(self.actor.result, self.hand.part))
         self.shown = []
         for p, name in enumerate(model.names):
             box = gui.add_checkbox(name, True)
@@ -207,7 +205,7 @@ class Controls:
         save = gui.add_button("Save posture")
         export = gui.add_button("Export")
         shot = gui.add_button("Screenshot")
-        self.written = gui.add_markdown("")
+        self.written = gui.add_html("")
 
         @save.on_click
         def _(event: viser.GuiEvent) -> None:
@@ -215,7 +213,7 @@ class Controls:
 
         @export.on_click
         def _(event: viser.GuiEvent) -> None:
-            export.disabled, self.written.content = True, "exporting ..."
+            export.disabled, self.written.content = True, words.says("exporting ...")
             self._tell("exported", lambda: self._savers.export(self.actor))
             export.disabled = False
 
@@ -226,10 +224,15 @@ class Controls:
                 self._tell("saved", lambda: self._savers.screenshot(self.actor, screenshot(client)))
 
     def _tell(self, word: str, write: Callable[[], Path]) -> None:
+        if not self._savers.busy.acquire(blocking=False):
+            self.written.content = words.says("one file at a time: press again when the last is written")
+            return
         try:
-            self.written.content = f"{word}: `{write()}`"
+            self.written.content = words.written(word, write())
         except Exception as error:  # a viewer stays up
-            self.written.content = f"failed: {error}"
+            self.written.content = words.says(f"failed: {error}")
+        finally:
+            self._savers.busy.release()
 
 
 def screenshot(client: viser.ClientHandle) -> bytes:
@@ -244,22 +247,3 @@ def screenshot(client: viser.ClientHandle) -> bytes:
         image = Image.fromarray(pixels)
     image.save(file, "PNG")
     return file.getvalue()
-
-
-def describe_part(actor: Actor, part: int) -> str:
-    """The picked part and its joint, in Markdown."""
-    model = actor.model
-    color = "#" + bytes(part_colors(model.n_parts)[part]).hex()
-    count = int((model.labels == part).sum())
-    lines = [f"**{model.names[part]}** (`{color}`), {count} points"]
-    if part > 0:
-        lines.append(f"{model.joint_type[part]} on {model.names[model.parent[part]]}, {joint_range(model, part)}")
-        lines.append(confidence(model.joint_type[part], actor.result.joints[part]))
-    return "  \n".join(filter(None, lines))
-
-
-def _spaced(html: str) -> str:
-    """The tree of the report, with the few styles that it takes from its page."""
-    square = "display:inline-block;width:9px;height:9px;border-radius:2px;margin-right:6px;"
-    html = html.replace('class="swatch" style="', f'style="{square}')
-    return html.replace("<ul", '<ul style="list-style:none;margin:0;padding-left:11px"')

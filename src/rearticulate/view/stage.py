@@ -16,7 +16,7 @@ APART = 1.25  # widths between two objects
 
 
 class Stage:
-    """Everything that one server shows."""
+    """Everything that one server shows. address: where."""
 
     def __init__(
         self,
@@ -24,8 +24,9 @@ class Stage:
         shown: Sequence[tuple[str, FitResult, PointSequence]],
         savers: Savers,
         view: View,
+        address: str,
     ) -> None:
-        self.server = server
+        self.server, self.address = server, address
         server.gui.configure_theme(show_logo=False, show_share_button=False)
         server.gui.main_panel.dock_right()
         server.scene.set_up_direction(_direction(view.up))
