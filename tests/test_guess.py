@@ -54,8 +54,8 @@ def test_another_start_must_fit_better_by_a_margin():
     """Frames too far apart for tracking from rest: another start fits better, but not by any margin."""
     sequence, _ = record(arm(), frames=3, points=2000, step_deg=50, start="middle", seed=0)
     frames = make_frames(sequence.points)
-    never = track(frames, 0, TrackConfig(bad_cost=np.inf, unusual=np.inf))
-    unreachable = track(frames, 0, TrackConfig(bad_cost=0.0, gain=np.inf))
+    never = track(frames, 0, TrackConfig(bad_cost=1e9, unusual=1e9))
+    unreachable = track(frames, 0, TrackConfig(bad_cost=0.0, gain=1e9))
     taken = track(frames, 0, TrackConfig(bad_cost=0.0))
     np.testing.assert_array_equal(unreachable.T, never.T)
     assert np.abs(taken.T - never.T).max() > 1.0

@@ -20,7 +20,7 @@ from rearticulate.render.panels import PANELS, novel_posture
 from rearticulate.render.viewpoint import best_view
 from test_cli import one_line, run
 from test_spherical import ball_model
-from toy_result import toy
+from toy_result import FRAMES, toy
 
 
 @pytest.fixture(scope="module")
@@ -89,8 +89,8 @@ def test_the_best_view_shows_the_door() -> None:
     for turn in (0, 90, 180, 270):
         side = np.array([np.cos(np.deg2rad(turn)), np.sin(np.deg2rad(turn)), 0.0])
         labels = (box @ side > 0.99).astype(int)
-        own = replace(result, labels=(labels,) * 2)
-        view = best_view(own, replace(sequence, points=(box, box), index=sequence.index[:2], names=("a", "b")))
+        own, frames = replace(result, labels=(labels,) * FRAMES), (box,) * FRAMES
+        view = best_view(own, replace(sequence, points=frames))
         assert view.R[2] @ side > 0.5
 
 

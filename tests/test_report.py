@@ -56,7 +56,12 @@ def test_the_figures_are_json_of_every_frame_and_part(page: str) -> None:
     content = json.loads(figures.group(1))
     assert set(content) == {"animation", "parts", "flow", "misfit", "residual", "energy", "time", "truth"}
     assert len(content["animation"]["frames"]) == FRAMES
-    assert [trace["name"] for trace in content["parts"]["data"]] == ["base", "</script> & arm", "tip", "joint axes"]
+    assert [trace["name"] for trace in content["parts"]["data"]] == [
+        "base",
+        "&lt;/script&gt; &amp; arm",
+        "tip",
+        "joint axes",
+    ]
 
 
 def test_large_frames_are_thinned_for_the_animation() -> None:

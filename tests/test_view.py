@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import io
 import shutil
+import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +15,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from browser import needs_chromium
 from oracle import perfect_fit
-from rearticulate.commands.viewing import numbered, open_stage, stage_names
+from rearticulate.commands.viewing import open_stage, savers, stage_names
+from rearticulate.errors import FitError, InputError
 from rearticulate.geometry.se3 import transform
 from rearticulate.io import load_sequence, load_truth, save_result
+from rearticulate.io.numbered import write_numbered
 from rearticulate.io.posture import load_posture
 from rearticulate.records import Posture
 from rearticulate.synth import bundled
@@ -26,9 +31,6 @@ from test_cli import one_line, run
 from toy_result import toy
 
 ARTIFACTS = Path(__file__).parents[1] / "test-artifacts"
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine: apt-get install chromium")
 KNOWN = "THREE.Clock"  # a warning of the library that viser draws with
 
 
@@ -48,16 +50,6 @@ def stage(folder: Path) -> Iterator[Stage]:
     stage.server.stop()
 
 
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield browser
-        browser.close()
-
-
 class Page:
     """A page of the viewer, and what its console said."""
 
@@ -67,7 +59,7 @@ class Page:
         self.page.on("console", lambda m: self.trouble.append(m.text) if m.type in ("error", "warning") else None)
         self.page.on("pageerror", lambda error: self.trouble.append(str(error)))
         self.page.on("requestfailed", lambda request: self.trouble.append(f"failed: {request.url}"))
-        self.page.goto(f"http://127.0.0.1:{stage.server.get_port()}")
+        self.page.goto(stage.address)
         self.page.get_by_text("Recording").first.wait_for(timeout=60_000)
         until(lambda: self.picture().std() > 3, "nothing is drawn")
         close = self.page.locator(".mantine-Notification-closeButton")  # that the drawing is done by software
@@ -234,6 +226,8 @@ def test_buttons_write_files(page: Page, folder: Path) -> None:
     page.page.get_by_role("button", name="Export").click()
     until((folder / "export" / "export.json").exists, "nothing was exported", 120)
     assert (folder / "export" / "arm.urdf").exists()
+    page.page.get_by_role("button", name="Export").click()
+    page.page.get_by_text("holds an earlier export; name another folder or ask for --overwrite").wait_for()
 
 
 @needs_chromium
@@ -305,15 +299,70 @@ def test_a_ray_meets_the_foremost_point(stage: Stage) -> None:
     assert on_ray(actor, eye, np.array([0.0, 0.0, 1.0])) is None
 
 
-def test_names_and_numbers(tmp_path: Path) -> None:
+def test_two_folders_of_one_name_are_told_apart(tmp_path: Path) -> None:
     assert stage_names([tmp_path / "a", tmp_path / "b"]) == ["a", "b"]
     assert stage_names([tmp_path / "a", tmp_path / "x" / "a"]) == ["a 1", "a 2"]
-    assert numbered(tmp_path, ".json").name == "001.json"
-    (tmp_path / "001.json").touch()
-    assert numbered(tmp_path, ".json").name == "002.json"
 
 
 def test_a_port_in_use_and_a_missing_result_are_one_line(stage: Stage, folder: Path, tmp_path: Path) -> None:
     taken = run("view", folder, "--port", stage.server.get_port())
     assert taken.exit_code == 1 and "cannot listen there" in one_line(taken)
     assert "no result here" in one_line(run("view", tmp_path / "nothing"))
+
+
+def test_an_export_is_replaced_only_where_it_may_be(
+    folder: Path, stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    actor, made = stage.actors[0], []
+    monkeypatch.setattr("rearticulate.commands.viewing.save_robot", lambda out, *_, **__: made.append(out))
+    (tmp_path / "export").mkdir()
+    (tmp_path / "export" / "export.json").touch()
+    with pytest.raises(InputError, match="--overwrite"):
+        savers({actor.name: tmp_path}, "z", overwrite=False).export(actor)
+    assert savers({actor.name: tmp_path}, "z", overwrite=True).export(actor) == tmp_path / "export"
+    (tmp_path / "export" / "export.json").rename(tmp_path / "export" / "notes.json")
+    with pytest.raises(InputError, match="not an earlier export"):
+        savers({actor.name: tmp_path}, "z", overwrite=True).export(actor)
+    assert made == [tmp_path / "export"]
+
+
+def test_one_press_at_a_time(stage: Stage) -> None:
+    control, pressed, go = stage.controls[0], [], threading.Event()
+    first = threading.Thread(
+        target=control._tell, args=("saved", lambda: pressed.append(1) or (go.wait() and Path("a")))
+    )
+    first.start()
+    until(lambda: pressed, "the first press did nothing")
+    control._tell("saved", lambda: pressed.append(2) or Path("b"))
+    assert pressed == [1] and "one file at a time" in control.written.content
+    go.set()
+    first.join()
+    assert "saved: <code>a</code>" in control.written.content
+    control._tell("saved", lambda: Path("c"))
+    assert "saved: <code>c</code>" in control.written.content
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_fifty_at_once_are_fifty_whole_files(
+    stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, links: bool
+) -> None:
+    if not links:
+        monkeypatch.setattr("os.link", lambda *_: (_ for _ in ()).throw(PermissionError(1, "no links here")))
+    actor = stage.actors[0]
+    save = savers({actor.name: tmp_path}, "z", overwrite=False).posture
+    with ThreadPoolExecutor(50) as pool:
+        paths = set(pool.map(save, [actor] * 50))
+    assert sorted(path.name for path in (tmp_path / "postures").iterdir()) == [f"{k:03d}.json" for k in range(1, 51)]
+    assert paths == set((tmp_path / "postures").iterdir())
+    for path in paths:
+        np.testing.assert_array_equal(load_posture(path, actor.model).q, actor.posture.q)
+
+
+def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
+    def broken(path: Path) -> None:
+        path.write_text("half")
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(FitError, match=r"cannot be written \(No space left on device\)"):
+        write_numbered(tmp_path, ".json", broken)
+    assert not list(tmp_path.iterdir())
