@@ -1,7 +1,8 @@
 """Every extra by itself: `python scripts/check_extras.py FOLDER [EXTRA ...]`.
 
 Builds the wheel, installs it bare and with each extra alone into fresh environments below FOLDER, and runs every
-command once. Each must work (exit code 0), or end with one line that names the extra (exit code 2). Prints a table;
+command once. Each must work (exit code 0), or end with one line that names the extra (exit code 2);
+an unknown page of the benchmark, and one whose data are not there, are refused. Prints a table;
 exit code 1 where a command did anything else. Needs a network.
 """
 
@@ -73,7 +74,7 @@ def outcome(name: str, code: int, errors: str) -> str:
         return "works"
     if code == 2 and 'pip install "rearticulate[' in last:
         return "asks for " + last.split("[")[1].split("]")[0]
-    return "works" if code in (1, 2) and name in MAY_REFUSE else f"WRONG: {last}"
+    return "refuses" if code in (1, 2) and name in MAY_REFUSE else f"WRONG: {last}"
 
 
 def run(name: str, program: list[str], work: Path) -> str:
@@ -95,7 +96,7 @@ def install(extra: str, wheel: Path, folder: Path) -> Path:
     subprocess.run([sys.executable, "-m", "venv", "--clear", folder], check=True)
     programs = folder / ("Scripts" if os.name == "nt" else "bin")
     wanted = f"{wheel}[{extra}]" if extra else str(wheel)
-    pip = [programs / "python", "-m", "pip", "install", "--quiet", "-c", ROOT / "constraints.txt", wanted]
+    pip = [programs / "python", "-m", "pip", "install", "--quiet", "--quiet", "-c", ROOT / "constraints.txt", wanted]
     subprocess.run(pip, check=True)
     return programs
 
