@@ -95,15 +95,18 @@ def test_without_the_token_nothing_is_served(stage: Stage, path: str) -> None:
         "127.0.0.1:1",
         "127.0.0.1:{port}.evil.test",
         "x@127.0.0.1:{port}",
+        "127.0.0.2:{port}",
+        "10.0.0.1:{port}",
+        "127.0.0.1:{port}, evil.test",
+        "127.0.0.1:99999999999999999999",
         "[::1",
-        "",
+        " ",
         None,
-        *("127.0.0.2:{port}", "10.0.0.1:{port}", "127.0.0.1:{port}, evil.test", "127.0.0.1:99999999999999999999"),
     ],
 )
 def test_other_names_are_refused(stage: Stage, host: str | None) -> None:
     right, path = place(stage)
-    name = host if host is None else host.format(port=right.split(":")[1]) or " "
+    name = host and host.format(port=right.split(":")[1])
     assert "403" in ask(stage, path, host=name)
     assert "403" in ask(stage, path, ("Origin", f"http://{name}"), *UPGRADE.items(), host=name)
 
@@ -194,7 +197,7 @@ READS = "address => fetch(address).then(answer => answer.text(), () => 'refused'
 
 
 @needs_chromium
-@pytest.mark.parametrize("name", ["localhost", "127.0.0.1", FOREIGN])
+@pytest.mark.parametrize("name", ["localhost", FOREIGN])
 def test_a_page_of_another_origin_gets_nothing(chromium: Any, stage: Stage, evil: int, name: str) -> None:
     host, path = place(stage)
     page = chromium.new_page()

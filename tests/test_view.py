@@ -328,9 +328,13 @@ def test_an_export_is_replaced_only_where_it_may_be(
 
 def test_one_press_at_a_time(stage: Stage) -> None:
     control, pressed, go = stage.controls[0], [], threading.Event()
-    first = threading.Thread(
-        target=control._tell, args=("saved", lambda: pressed.append(1) or (go.wait() and Path("a")))
-    )
+
+    def slow() -> Path:
+        pressed.append(1)
+        go.wait()
+        return Path("a")
+
+    first = threading.Thread(target=control._tell, args=("saved", slow))
     first.start()
     until(lambda: pressed, "the first press did nothing")
     control._tell("saved", lambda: pressed.append(2) or Path("b"))
