@@ -35,7 +35,7 @@ class Watched:
 
     def __init__(self, chromium: Any) -> None:
         self.asked, self.trouble = [], []
-        self.page = chromium.new_page()
+        self.page = chromium.new_page(viewport={"width": 800, "height": 500})
         self.page.on("request", lambda request: self.asked.append(request.url))
         self.page.on("console", lambda note: self.trouble.append(note.text) if note.type == "error" else None)
         self.page.on("pageerror", lambda error: self.trouble.append(str(error)))

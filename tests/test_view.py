@@ -21,6 +21,7 @@ from rearticulate.commands.viewing import open_stage, savers, stage_names
 from rearticulate.errors import FitError, InputError
 from rearticulate.geometry.se3 import transform
 from rearticulate.io import load_sequence, load_truth, save_result
+from rearticulate.io.atomic import atomic_file, reserve
 from rearticulate.io.numbered import write_numbered
 from rearticulate.io.posture import load_posture
 from rearticulate.records import Posture
@@ -346,27 +347,36 @@ def test_one_press_at_a_time(stage: Stage) -> None:
     assert "saved: <code>c</code>" in control.written.content
 
 
-@pytest.mark.parametrize("links", [True, False])
-def test_fifty_at_once_are_fifty_whole_files(
-    stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, links: bool
-) -> None:
-    if not links:
-        monkeypatch.setattr("os.link", lambda *_: (_ for _ in ()).throw(PermissionError(1, "no links here")))
+def test_fifty_at_once_are_fifty_whole_files(stage: Stage, tmp_path: Path) -> None:
     actor = stage.actors[0]
-    save = savers({actor.name: tmp_path}, "z", overwrite=False).posture
-    with ThreadPoolExecutor(50) as pool:
-        paths = set(pool.map(save, [actor] * 50))
-    assert sorted(path.name for path in (tmp_path / "postures").iterdir()) == [f"{k:03d}.json" for k in range(1, 51)]
-    assert paths == set((tmp_path / "postures").iterdir())
-    for path in paths:
+    save = savers({actor.name: tmp_path}, "z", overwrite=False)
+    for write, suffix in ((save.posture, "json"), (lambda actor: save.screenshot(actor, b"png"), "png")):
+        with ThreadPoolExecutor(50) as pool:
+            paths = list(pool.map(write, [actor] * 50))
+        assert sorted(path.name for path in paths) == [f"{k:03d}.{suffix}" for k in range(1, 51)]
+        assert sorted(paths) == sorted(paths[0].parent.iterdir())
+    for path in (tmp_path / "postures").iterdir():
         np.testing.assert_array_equal(load_posture(path, actor.model).q, actor.posture.q)
+    assert {path.read_bytes() for path in (tmp_path / "screenshots").iterdir()} == {b"png"}
+
+
+def test_a_number_that_another_run_is_writing_is_not_taken(tmp_path: Path) -> None:
+    def write(path: Path) -> None:
+        path.write_text("mine")
+
+    with ThreadPoolExecutor(1) as other, reserve(tmp_path / "001.json"):
+        pressed = other.submit(write_numbered, tmp_path, ".json", write)
+        assert "in use by another run" in str(pressed.exception())
+    assert not list(tmp_path.iterdir())
+    assert write_numbered(tmp_path, ".json", write).read_text() == "mine"
 
 
 def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
-    def broken(path: Path) -> None:
-        path.write_text("half")
-        raise OSError(28, "No space left on device")
+    def full(path: Path) -> None:
+        with atomic_file(path) as partial:
+            partial.write_text("half")
+            raise OSError(28, "No space left on device")
 
     with pytest.raises(FitError, match=r"cannot be written \(No space left on device\)"):
-        write_numbered(tmp_path, ".json", broken)
+        write_numbered(tmp_path / "postures", ".json", full)
     assert not list(tmp_path.iterdir())

@@ -16,6 +16,7 @@ from rearticulate.errors import FitError
 from rearticulate.export.robot import ExportConfig
 from rearticulate.export.write import MARK, save_robot
 from rearticulate.extras import needs
+from rearticulate.io.atomic import atomic_file
 from rearticulate.io.model import load_result, load_sequence_of
 from rearticulate.io.numbered import write_numbered
 from rearticulate.io.posture import save_posture
@@ -86,7 +87,11 @@ def savers(folders: dict[str, Path], up: str, overwrite: bool) -> Savers:
         return out
 
     def screenshot(actor: Actor, png: bytes) -> Path:
-        return write_numbered(folders[actor.name] / "screenshots", ".png", lambda path: path.write_bytes(png))
+        def write(path: Path) -> None:
+            with atomic_file(path) as partial:
+                partial.write_bytes(png)
+
+        return write_numbered(folders[actor.name] / "screenshots", ".png", write)
 
     return Savers(posture, export, screenshot)
 
