@@ -161,10 +161,37 @@ def test_a_report_that_cannot_be_written_leaves_the_result(
     assert done.exit_code == 0
     assert "warning: [Errno 28] No space left on device; the result is complete without it" in done.stderr
     assert load_result(out).model.names == toy()[0].model.names
+    assert (out / "frames.png").exists()
     assert not (out / "report.html").exists()
     assert run("fit", sequence_file, "-o", out, "--resume").exit_code == 0
     assert (out / "report.html").exists()
     assert len(fitter) == 1
+
+
+@pytest.mark.parametrize(
+    ("absent", "begun"),
+    [
+        (("report.html", "frames.png", "parts.png"), "parts.png"),
+        (("report.html", "frames.png"), "frames.png"),
+        (("report.html",), "report.html"),
+        ((), "report.html"),
+        (("model.json", "report.html"), "stages/relaxed-0.npz"),
+    ],
+)
+def test_what_a_kill_left_in_the_folder_is_completed_and_goes(
+    absent: tuple[str, ...], begun: str, sequence_file: Path, fitter: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    assert run("fit", sequence_file, "-o", out).exit_code == 0
+    whole = {path.relative_to(tmp_path) for path in tmp_path.rglob("*")}
+    for name in absent:
+        (out / name).unlink()
+    for suffix in ("lock", "partial"):
+        path = out / begun
+        path.with_name(f".{path.name}.rearticulate.{suffix}").write_bytes(b"a part")
+    more = ["--overwrite"] if "model.json" in absent else []
+    assert run("fit", sequence_file, "-o", out, "--resume", *more).exit_code == 0
+    assert {path.relative_to(tmp_path) for path in tmp_path.rglob("*")} == whole
 
 
 def test_a_folder_in_use_is_told_before_anything_is_read(

@@ -72,8 +72,9 @@ def run_fit(source: str, out: Path, options: FitOptions, given: InputOptions, as
             warn_of_unit(sequence)
         if finished:
             result = _finished(out, sequence, config, canonical, options.seed)
-            if options.report and not (out / REPORT).exists():
-                write_extras(out, result, sequence, None)
+            with reserve(out / REPORT) as last:
+                if options.report and not last.exists():
+                    write_extras(out, result, sequence, None)
         else:
             result = fit_with_progress(sequence, config, canonical, out, options)
             write_result(out, result, sequence, None, options)
@@ -151,12 +152,12 @@ def write_result(
 
 
 def write_extras(out: Path, result: FitResult, sequence: PointSequence, score: Score | None) -> None:
-    """Report and pictures into the folder of a result, which is as good without: what cannot be written is said."""
+    """Pictures and, last, the report into the folder of a result, which is as good without: what fails is said."""
     from rearticulate.render.stills import write_pictures
 
     try:
-        write_report(out, result, sequence, score, title=out.resolve().name)
         write_pictures(out, result, sequence)
+        write_report(out, result, sequence, score, title=out.resolve().name)
     except (FitError, OSError, MemoryError) as error:
         say(f"warning: {str(error) or type(error).__name__}; the result is complete without it")
 

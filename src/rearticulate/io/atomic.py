@@ -84,7 +84,8 @@ def atomic_folder(folder: PathLike, keep: str = "") -> Iterator[Path]:
             partial.mkdir()
             yield partial
             if keep and (whole / keep).is_dir() and not (partial / keep).exists():
-                shutil.copytree(whole / keep, partial / keep, copy_function=_link)
+                begun = shutil.ignore_patterns(".*.rearticulate.*")
+                shutil.copytree(whole / keep, partial / keep, copy_function=_link, ignore=begun)
             with ThreadPoolExecutor(16) as pool:  # the system writes many at once
                 list(pool.map(_settle, (*partial.rglob("*"), partial)))
             _replace(whole, partial)
