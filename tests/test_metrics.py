@@ -13,7 +13,13 @@ from hypothesis.extra.numpy import arrays
 from oracle import perfect_fit, read_pair
 from rearticulate.errors import InputError
 from rearticulate.evaluation.clustering import contingency, rand_index
-from rearticulate.evaluation.joints import angle_of_lines, joint_errors, match_parts, motion_error
+from rearticulate.evaluation.joints import (
+    angle_of_lines,
+    existing_joints,
+    joint_errors,
+    match_parts,
+    motion_error,
+)
 from rearticulate.evaluation.metrics import clicks, evaluate, flow_accuracy
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.records import GroundTruth, PointSequence
@@ -165,8 +171,37 @@ def test_joint_errors_by_hand():
     assert found["joint_position_median_percent"] == pytest.approx(3 / diagonal)
     unsure = replace(worse, joints=tuple(replace(j, determined=False) for j in worse.joints))
     assert "joint_axis_median_deg" not in scores(unsure, truth, sequence)
+    assert (found["joints_sure_share"], found["joints_sure_wrong"]) == (1, 0)
+    assert scores(unsure, truth, sequence)["joints_sure_share"] == 0
     slide = replace(worse, model=replace(worse.model, joint_type=("floating", "prismatic")))
-    assert scores(slide, truth, sequence)["joint_type_share"] == 0
+    wrong = scores(slide, truth, sequence)
+    assert (wrong["joint_type_share"], wrong["joints_sure_share"], wrong["joints_sure_wrong"]) == (0, 0, 1)
+
+
+def test_a_joint_within_a_rigid_part_does_not_exist_unless_nobody_claims_it():
+    """The arm is cut in two: the cut is made up, the joint of its first half is real."""
+    sequence, truth = hinge()
+    result = perfect_fit(sequence, truth)
+    labels = tuple(np.where((k == 1) & (np.arange(len(k)) % 3 == 0), 2, k) for k in truth.labels)
+    q = np.concatenate([result.motion.q, np.zeros((len(labels), 1))], axis=1)
+    arms = [0, 1, 1]
+    model = replace(
+        result.model,
+        parent=np.array([-1, 0, 1]),
+        joint_type=("floating", "revolute", "revolute"),
+        axis=result.model.axis[arms],
+        origin=result.model.origin[arms],
+        limits=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
+        names=("base", "arm", "piece"),
+        labels=labels[result.model.canonical],
+    )
+    joints = tuple(result.joints[j] for j in arms)
+    cut = replace(result, model=model, motion=replace(result.motion, q=q), labels=labels, joints=joints)
+    errors = joint_errors(cut, truth, match_parts(cut, truth, list(truth.labels)))
+    assert existing_joints(cut, truth, list(truth.labels), errors).tolist() == [True, True, False]
+    assert scores(cut, truth, sequence)["joints_sure_wrong"] == 1
+    honest = replace(cut, joints=(*joints[:2], replace(joints[2], determined=False)))
+    assert scores(honest, truth, sequence)["joints_sure_wrong"] == 0
 
 
 def test_no_joint_metrics_without_true_joints():

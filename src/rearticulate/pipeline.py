@@ -106,7 +106,7 @@ def fit(
     result = to_result(sequence, chosen, frames, best, config, seed, energies)
     clock("finish", 1.0)
     stages = tuple(StageTime(name, seconds) for name, seconds in clock.seconds.items())
-    return dataclasses.replace(result, stages=stages, notes=notes(best.relaxed, config))
+    return dataclasses.replace(result, stages=stages, notes=notes(best.relaxed, config) + result.notes)
 
 
 def notes(relaxed: Relaxed, config: FitConfig) -> tuple[str, ...]:

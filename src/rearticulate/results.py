@@ -25,6 +25,7 @@ from rearticulate.solver.diagnose import diagnose
 from rearticulate.solver.energy import frame_residual, sampling_distance
 from rearticulate.solver.frames import Frames
 from rearticulate.solver.relaxed import Relaxed
+from rearticulate.solver.scale import Scales, frame_scales
 from rearticulate.solver.spherical import BallTree, diagnose_balls
 
 Array = NDArray[np.floating]
@@ -53,7 +54,11 @@ def to_result(
 ) -> FitResult:
     """Back to metres and to the input's points."""
     tree, c, T = best.tree, best.canonical, best.tree.forward()
-    joints = screw_joints(frames, best, config) if isinstance(tree, Articulated) else ball_joints(frames, best, tree)
+    scales = frame_scales(frames, c, T, best.labels)
+    if isinstance(tree, Articulated):
+        joints = screw_joints(frames, best, config, scales.drift)
+    else:
+        joints = ball_joints(frames, best, tree)
     labels = all_labels(sequence, chosen, frames, best.labels)
     model = KinematicModel(
         canonical=c,
@@ -77,6 +82,7 @@ def to_result(
         config=asdict(config),
         seed=seed,
         relaxed=relaxed_model(sequence, chosen, frames, best),
+        notes=(*few_states(frames.n_frames), *other_scales(scales, c)),
         machine=machine(),
         sampling=sampling_distance(frames) * frames.unit,
     )
@@ -94,11 +100,11 @@ class Joints:
     diagnostics: list[JointDiagnostics]
 
 
-def screw_joints(frames: Frames, best: Candidate, config: FitConfig) -> Joints:
-    """Hinges and slides."""
+def screw_joints(frames: Frames, best: Candidate, config: FitConfig, drift: float) -> Joints:
+    """Hinges and slides. drift: of the scale, see `Scales`."""
     tree = best.tree
     assert isinstance(tree, Articulated)
-    diagnostics, origins = diagnose(frames, best.canonical, tree, best.labels, config.project)
+    diagnostics, origins = diagnose(frames, best.canonical, tree, best.labels, config.project, drift)
     kinds: list[JointType] = ["revolute" if turning else "prismatic" for turning in tree.revolute]
     kinds[0] = "floating"
     q = np.where(tree.revolute, tree.q, tree.q * frames.unit)
@@ -118,6 +124,26 @@ def ball_joints(frames: Frames, best: Candidate, tree: BallTree) -> Joints:
     limits = np.stack([np.zeros(P), angle], axis=1)
     diagnostics = diagnose_balls(frames, best.canonical, tree, best.labels)
     return Joints(tuple(kinds), np.zeros((P, 3)), origin, limits, q, diagnostics)
+
+
+def few_states(frames: int) -> tuple[str, ...]:
+    """What two frames cannot tell."""
+    if frames > 2:
+        return ()
+    return ("two states support few claims: between two, any small motion is a joint; a third one would confirm it",)
+
+
+def other_scales(scales: Scales, canonical: int) -> tuple[str, ...]:
+    """Which frames are of another size than the canonical one."""
+    frames = np.flatnonzero(scales.differ)
+    if not len(frames):
+        return ()
+    sizes = ", ".join(f"{scales.size[f]:.3f}" for f in frames)
+    which = f"frame {frames[0]} is" if len(frames) == 1 else f"frames {', '.join(map(str, frames))} are"
+    return (
+        f"{which} {sizes} times as large as frame {canonical}: was each scaled by itself? Parts that seem to move by "
+        "less than that explains do not make a joint",
+    )
 
 
 def relaxed_model(

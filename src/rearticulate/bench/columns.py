@@ -20,6 +20,8 @@ COLUMNS = {  # metric: head, decimals
     "tree_edit_distance": ("tree edit", 2),
     "reanimate_cm": ("reanimate cm", 2),
     "joint_type_share": ("joint types", 2),
+    "joints_sure_share": ("sure", 2),
+    "joints_sure_wrong": ("sure, not there", 2),
     "joint_axis_median_deg": ("axis deg", 2),
     "joint_position_median_percent": ("axis position %", 2),
     "seen_share": ("seen", 2),

@@ -15,6 +15,8 @@ TOLERANCE = {
     "tree_edit_distance": (+1, 0.0, 0.0),
     "reanimate_cm": (+1, 0.05, 0.2),
     "joint_type_share": (-1, 0.0, 0.0),
+    "joints_sure_share": (-1, 0.05, 0.0),
+    "joints_sure_wrong": (+1, 0.0, 0.0),
     "joint_axis_median_deg": (+1, 0.2, 0.25),
     "joint_position_median_percent": (+1, 0.1, 0.25),
 }

@@ -24,8 +24,9 @@ def report(stamp: dict[str, str], by_job: dict[str, Answer]) -> str:
     sections = [
         head("Benchmark", stamp),
         "Robots: 10 frames of 4096 points; household objects: 4 frames of 4096 points, the root moves. One default "
-        "configuration for all. Joint columns: share of the true joints found with the right type; median error of "
-        "the axes that the fit calls determined, position in percent of the object's diagonal. Seen: share of the "
+        "configuration for all. Joint columns: share of the true joints found with the right type; *sure*: those "
+        "that the fit calls determined as well, and how many joints it calls so that do not exist; median error of "
+        "the axes that it calls determined, position in percent of the object's diagonal. Seen: share of the "
         f"canonical points, over all frames, whose part shows {ENOUGH} points in both frames; what a frame does not "
         "show of a part cannot be known there.",
         "## Robots",

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from rearticulate.geometry.se3 import rotate, transform
 from rearticulate.records import Array, FitResult, GroundTruth, IntArray, KinematicModel
+
+SAME_AXIS = np.deg2rad(10)  # between pieces of two parts
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,30 @@ def joint_errors(result: FitResult, truth: GroundTruth, match: IntArray) -> list
         position = _distance_to_line(model.origin[k], point, axis) if model.joint_type[k] == "revolute" else np.nan
         errors.append(JointError(int(j), k, right, angle_of_lines(model.axis[k], axis), position))
     return errors
+
+
+def existing_joints(
+    result: FitResult, truth: GroundTruth, true_labels: list[IntArray], errors: list[JointError]
+) -> NDArray[np.bool_]:
+    """(P,) which joints of the model exist: those that stand for a true one of their type (`errors`), and those between
+    pieces of two parts that a joint of this type links, about the same axis. A fit may cut one part into pieces, but
+    the joints within it are made up. True at the root."""
+    assert truth.joint_axis is not None and truth.joint_type is not None
+    model = result.model
+    labels, true = np.concatenate(result.labels), np.concatenate(true_labels)
+    shared = np.zeros((model.n_parts, len(truth.parent)), dtype=np.int64)
+    np.add.at(shared, (labels, true), 1)
+    most = np.where(shared.any(axis=1), shared.argmax(axis=1), -1)
+    out = np.arange(model.n_parts) == 0
+    out[[e.predicted for e in errors if e.type_right]] = True
+    for k in range(1, model.n_parts):
+        a, b = int(most[k]), int(most[model.parent[k]])
+        for child, parent in ((a, b), (b, a)):
+            if min(a, b) >= 0 and truth.parent[child] == parent:
+                axis = rotate(truth.poses[model.canonical, parent], truth.joint_axis[child])
+                alike = truth.joint_type[child] == model.joint_type[k]
+                out[k] |= alike and angle_of_lines(model.axis[k], axis) < SAME_AXIS
+    return out
 
 
 def _joint_between(model: KinematicModel, a: int, b: int) -> int:

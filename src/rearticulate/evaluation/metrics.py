@@ -9,7 +9,7 @@ import numpy as np
 
 from rearticulate.errors import InputError
 from rearticulate.evaluation.clustering import rand_index
-from rearticulate.evaluation.joints import joint_errors, match_parts
+from rearticulate.evaluation.joints import existing_joints, joint_errors, match_parts
 from rearticulate.evaluation.tree_distance import tree_edit_distance
 from rearticulate.geometry.se3 import inverse, transform
 from rearticulate.pose.retarget import retarget
@@ -133,7 +133,14 @@ def _joint_metrics(result: FitResult, truth: GroundTruth, true_labels: list[IntA
     errors = joint_errors(result, truth, match_parts(result, truth, true_labels))
     right = [e for e in errors if e.type_right]
     sure = [e for e in right if result.joints[e.predicted].determined]
-    metrics = [Metric("joint_type_share", len(right) / (len(truth.parent) - 1), "share", "higher")]
+    real = existing_joints(result, truth, true_labels, errors)
+    claimed = sum(joint.determined and not exists for joint, exists in zip(result.joints, real, strict=True))
+    n_true = len(truth.parent) - 1
+    metrics = [
+        Metric("joint_type_share", len(right) / n_true, "share", "higher"),
+        Metric("joints_sure_share", len(sure) / n_true, "share", "higher"),
+        Metric("joints_sure_wrong", claimed, "joints", "lower"),
+    ]
     if sure:
         degrees = float(np.degrees(np.median([e.axis_rad for e in sure])))
         metrics.append(Metric("joint_axis_median_deg", degrees, "deg", "lower"))

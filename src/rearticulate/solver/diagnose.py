@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,17 +11,16 @@ from rearticulate.config import ProjectConfig
 from rearticulate.geometry.se3 import hat
 from rearticulate.records import JointDiagnostics
 from rearticulate.solver.articulated import Articulated, reduced_system
+from rearticulate.solver.chains import fit_prismatic, fit_revolute, relative_motion, rest_cost
+from rearticulate.solver.claims import Claim, doubts, is_outside
 from rearticulate.solver.frames import Frames
 from rearticulate.solver.joint_repair import subtree
-from rearticulate.solver.project import Evidence, contact_point, fit_joints, gather_evidence
+from rearticulate.solver.project import Evidence, contact_point, gather_evidence
 from rearticulate.solver.relaxed import Fused, Relaxed, register_to_fused
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
-MIN_TURN = 3.0  # a range below this many standard deviations of q is within the noise
-MIN_VISIBLE = 0.01  # share of the motion across the surface below which a joint cannot be seen
-MAX_AXIS_STD = np.deg2rad(15.0)
 NO_JOINT = JointDiagnostics(None, 0.0, None, None, "", None, True)  # of the root
 
 
@@ -67,26 +68,26 @@ def parameter_deviation(tree: Articulated, evidence: Evidence, origins: Array) -
 
 
 def diagnose(
-    frames: Frames, canonical: int, tree: Articulated, labels: IntArray, config: ProjectConfig
+    frames: Frames, canonical: int, tree: Articulated, labels: IntArray, config: ProjectConfig, drift: float = 0.0
 ) -> tuple[list[JointDiagnostics], Array]:
-    """One record a part, lengths in metres, and the joint origins (P, 3) in spacings.
+    """One record a part, lengths in metres, and the joint origins (P, 3) in spacings. drift: see `Scales`.
 
     The residual compares the joint with the motions the two parts have when they are registered freely.
     """
     free = register_to_fused(frames, canonical, Relaxed(tree.forward(), labels))
     evidence = gather_evidence(frames, canonical, free, config)
     origins = joint_origins(tree, evidence)
-    P = tree.n_parts
-    if P == 1:
+    if tree.n_parts == 1:
         return [NO_JOINT], origins
-    axis_std, origin_std, q_std = parameter_deviation(tree, evidence, origins)
-    counts = np.bincount(labels, minlength=P)
+    deviations = parameter_deviation(tree, evidence, origins)
+    size = float(np.linalg.norm(np.ptp(frames.points[frames.rows(canonical)], axis=0)))
     out = [NO_JOINT]
-    for j in range(1, P):
-        parent = int(tree.parent[j])
-        residual, margin = _support(evidence, j, parent, config) if counts[j] and counts[parent] else (None, None)
-        seen = visibility(tree, evidence.fused, j)
-        out.append(_record(frames.unit, tree, j, counts, residual, margin, seen, axis_std, origin_std, q_std))
+    for j in range(1, tree.n_parts):
+        support = joint_support(evidence, j, int(tree.parent[j]), bool(tree.revolute[j]), size)
+        axis_std, origin_std, value_std = (support.inflation * np.asarray(x)[..., j] for x in deviations)
+        typical = float(np.median(value_std[value_std > 0])) if (value_std > 0).any() else 0.0
+        claim = claim_of(frames, tree, evidence, j, support, float(axis_std), typical, size, drift)
+        out.append(_record(frames.unit, claim, support, float(origin_std)))
     return out, origins
 
 
@@ -107,32 +108,93 @@ def visibility(tree: Articulated, fused: Fused, j: int) -> float:
     return float(min(shares, default=0.0))
 
 
-def _support(evidence: Evidence, j: int, parent: int, config: ProjectConfig) -> tuple[float, float]:
-    """Misfit (spacings, rms) of the best single joint to the relative motion, and what the other type costs more."""
-    pair = fit_joints(evidence, np.array([j]), np.array([parent]), config)
-    return float(evidence.rms(pair.cost, pair.W)[0]), float((pair.other_cost - pair.cost)[0] / evidence.sigma**2)
+@dataclass(frozen=True)
+class Support:
+    """What the free motions of two parts say about their joint; lengths in spacings, None where not measured.
+
+    motion, misfit: rms motion of the points as far as it leaves the surface, and what the best joint of the type leaves
+    of it. margin: what the other type costs more, chi-square; infinite where a slide's rival is a hinge outside of the
+    object, which is no hinge. inflation: of the deviations, where the misfit is larger than they allow for.
+    """
+
+    motion: float | None = None
+    misfit: float | None = None
+    margin: float | None = None
+    inflation: float = 1.0
 
 
-def _record(unit, tree, j, counts, residual, margin, seen, axis_std, origin_std, q_std) -> JointDiagnostics:
-    span = float(np.ptp(tree.q[:, j]))
-    turning = bool(tree.revolute[j])
-    typical = float(np.median(q_std[:, j][q_std[:, j] > 0])) if (q_std[:, j] > 0).any() else 0.0
-    notes = []
-    if counts[j] == 0:
-        notes.append("no points of its own: a link inferred from the motion of its neighbours")
-    if span < MIN_TURN * typical:
-        notes.append("its motion is within the noise")
-    if seen < MIN_VISIBLE:
-        notes.append("its motion leaves the surface where it is")
-    if axis_std[j] > MAX_AXIS_STD:
-        notes.append("the axis direction is not fixed by the data")
+def joint_support(evidence: Evidence, j: int, parent: int, turning: bool, size: float) -> Support:
+    """The support of joint j of a type; nothing where one of its parts has no points. size: of the object."""
+    z = evidence.fused.z[evidence.fused.labels == j]
+    if not len(z) or not (evidence.fused.labels == parent).any():
+        return Support()
+    A, W = relative_motion(evidence.T, evidence.H, np.array([j]), np.array([parent]), evidence.canonical)
+    turn = fit_revolute(A, W, evidence.canonical)
+    slide = fit_prismatic(A, W, z.mean(axis=0)[None], evidence.canonical)
+    own, other = (turn, slide) if turning else (slide, turn)
+    margin = float((other.cost - own.cost)[0] / evidence.sigma**2)
+    if not turning and margin > 0 and is_outside(axis_distance(turn.twist[0, 0], z), size):
+        margin = np.inf
+    free = max(6 * (len(A[0]) - 1) - len(A[0]) - (3 if turning else 1), 1)
+    excess = float(own.cost[0] / evidence.sigma**2 / free)
+    return Support(
+        motion=float(evidence.rms(rest_cost(A, W), W)[0]),
+        misfit=float(evidence.rms(own.cost, W)[0]),
+        margin=margin,
+        inflation=float(np.sqrt(max(excess, 1.0))),
+    )
+
+
+def axis_distance(twist: Array, z: Array) -> float:
+    """Distance of the nearest of points z (n, 3) from the axis of a turn, twist (6,)."""
+    axis, foot = twist[:3], np.cross(twist[:3], twist[3:])
+    return float(np.linalg.norm(np.cross(z - foot, axis), axis=1).min())
+
+
+def claim_of(
+    frames: Frames,
+    tree: Articulated,
+    evidence: Evidence,
+    j: int,
+    support: Support,
+    axis_std: float,
+    value_std: float,
+    size: float,
+    drift: float,
+) -> Claim:
+    """What joint j may be doubted for. Lengths of the arguments in spacings, of the claim in metres."""
+    fused, turning, unit = evidence.fused, bool(tree.revolute[j]), frames.unit
+    beyond = fused.z[np.isin(fused.labels, subtree(tree.parent, j))]
+    both = fused.z[np.isin(fused.labels, (j, tree.parent[j]))]
+    span, foot = float(np.ptp(tree.q[:, j])), tree.feet[j]
+    arm = np.linalg.norm(np.cross(beyond - foot, tree.axes[j]), axis=1) if turning else np.ones(len(beyond))
+    return Claim(
+        frames=frames.n_frames,
+        turning=turning,
+        points=float((fused.labels == j).sum() / frames.n_frames),
+        span=span if turning else span * unit,
+        value_std=value_std if turning else value_std * unit,
+        axis_std=axis_std,
+        path=span * float(np.sqrt((arm**2).mean())) * unit if len(beyond) else np.inf,
+        motion=None if support.motion is None else support.motion * unit,
+        misfit=None if support.misfit is None else support.misfit * unit,
+        away=axis_distance(tree.twist[j], both) * unit if turning and len(both) else 0.0,
+        size=size * unit,
+        seen=visibility(tree, fused, j),
+        drift=drift,
+    )
+
+
+def _record(unit: float, claim: Claim, support: Support, origin_std: float) -> JointDiagnostics:
+    against = doubts(claim)
+    inferred = [] if claim.points else ["no points of its own: a link inferred from the motion of its neighbours"]
     return JointDiagnostics(
-        residual=None if residual is None else residual * unit,
-        observed_range=span if turning else span * unit,
-        axis_std=float(axis_std[j]),
-        origin_std=float(origin_std[j]) * unit if turning else None,
-        runner_up="prismatic" if turning else "revolute",
-        runner_up_margin=margin,
-        determined=not notes[1 if counts[j] == 0 else 0 :],
-        note="; ".join(notes),
+        residual=claim.misfit,
+        observed_range=claim.span,
+        axis_std=claim.axis_std,
+        origin_std=origin_std * unit if claim.turning else None,
+        runner_up="prismatic" if claim.turning else "revolute",
+        runner_up_margin=support.margin,
+        determined=not against,
+        note="; ".join(inferred + against),
     )
