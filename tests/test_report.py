@@ -203,6 +203,7 @@ def test_joint_rows_have_units_and_say_what_is_not_known() -> None:
         (375.4, "prismatic, sure (revolute fits worse by 375 χ²)"),
         (3.0, "prismatic or revolute: the data hardly tell"),
         (-0.5, "prismatic or revolute: the data hardly tell"),
+        (float("inf"), "prismatic, sure (a revolute joint would need an axis outside of the object)"),
         (None, "prismatic, revolute not tried"),
     ],
 )

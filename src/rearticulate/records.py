@@ -255,7 +255,8 @@ class JointDiagnostics:
     residual:        root mean square point error of the joint's two parts, m.
     observed_range:  max q - min q, rad or m.
     axis_std:        standard deviation of the axis direction, rad. origin_std: of the axis position, m.
-    runner_up:       the other joint type, with runner_up_margin = its extra chi-square (large: the type is sure).
+    runner_up:       the other joint type, with runner_up_margin = its extra chi-square (large: the type is sure;
+                     infinite where the other type would need an axis outside of the object).
     determined:      False when the data do not fix this joint; note says why.
     """
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from rearticulate.records import JointDiagnostics, JointType
 
 CLOSE = 10.0  # extra chi-square of the other joint type below which the type is a close call
@@ -24,6 +26,8 @@ def _type(kind: JointType, joint: JointDiagnostics) -> str:
         return ""
     if joint.runner_up_margin is None:
         return f"{kind}, {joint.runner_up} not tried"
+    if math.isinf(joint.runner_up_margin):
+        return f"{kind}, sure (a {joint.runner_up} joint would need an axis outside of the object)"
     if close_call(joint):
         return f"{kind} or {joint.runner_up}: the data hardly tell"
     return f"{kind}, sure ({joint.runner_up} fits worse by {_rounded(joint.runner_up_margin)} χ²)"

@@ -83,7 +83,7 @@ def diagnose(
     size = float(np.linalg.norm(np.ptp(frames.points[frames.rows(canonical)], axis=0)))
     out = [NO_JOINT]
     for j in range(1, tree.n_parts):
-        support = joint_support(evidence, j, int(tree.parent[j]), bool(tree.revolute[j]), size)
+        support = joint_support(evidence, j, int(tree.parent[j]), bool(tree.revolute[j]), size, config.prismatic_margin)
         axis_std, origin_std, value_std = (support.inflation * np.asarray(x)[..., j] for x in deviations)
         typical = float(np.median(value_std[value_std > 0])) if (value_std > 0).any() else 0.0
         claim = claim_of(frames, tree, evidence, j, support, float(axis_std), typical, size, drift)
@@ -123,8 +123,9 @@ class Support:
     inflation: float = 1.0
 
 
-def joint_support(evidence: Evidence, j: int, parent: int, turning: bool, size: float) -> Support:
-    """The support of joint j of a type; nothing where one of its parts has no points. size: of the object."""
+def joint_support(evidence: Evidence, j: int, parent: int, turning: bool, size: float, slack: float) -> Support:
+    """The support of joint j of a type; nothing where one of its parts has no points. size: of the object.
+    slack: chi-square by which a hinge may fit better than a slide that is preferred."""
     z = evidence.fused.z[evidence.fused.labels == j]
     if not len(z) or not (evidence.fused.labels == parent).any():
         return Support()
@@ -133,7 +134,7 @@ def joint_support(evidence: Evidence, j: int, parent: int, turning: bool, size: 
     slide = fit_prismatic(A, W, z.mean(axis=0)[None], evidence.canonical)
     own, other = (turn, slide) if turning else (slide, turn)
     margin = float((other.cost - own.cost)[0] / evidence.sigma**2)
-    if not turning and margin > 0 and is_outside(axis_distance(turn.twist[0, 0], z), size):
+    if not turning and margin > -slack and is_outside(axis_distance(turn.twist[0, 0], z), size):
         margin = np.inf
     free = max(6 * (len(A[0]) - 1) - len(A[0]) - (3 if turning else 1), 1)
     excess = float(own.cost[0] / evidence.sigma**2 / free)
