@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from oracle import perfect_fit
-from rearticulate.bench.cases import ALL, PERTURBATIONS, Case, find_case
+from rearticulate.bench.cases import ALL, BROKEN, PERTURBATIONS, Case, find_case
 from rearticulate.bench.columns import mean_metrics
 from rearticulate.bench.flow_page import fits
 from rearticulate.bench.gate import is_worse, regressions
@@ -45,6 +45,22 @@ def test_a_perfect_fit_is_perfect_in_every_case(data_folder, change):
     assert metrics["joint_axis_median_deg"] == pytest.approx(0, abs=1e-4)
     assert metrics["joint_position_median_percent"] == pytest.approx(0, abs=1e-4)
     assert json.loads(json.dumps(answer)) == answer
+
+
+@pytest.mark.parametrize("change", BROKEN)
+def test_a_perfect_fit_of_a_broken_recording_makes_nothing_up(data_folder, change):
+    metrics = perfect_answer(Case("refrigerator", change), data_folder)["metrics"]
+    assert (metrics["joints_real"], metrics["joints_made_up"], metrics["joint_type_share"]) == (2, 0, 1)
+
+
+def test_the_page_of_phantoms_adds_up():
+    metrics = {"parts": 4, "parts_true": 2, "joints_real": 1, "joints_real_sure": 1, "joints_made_up": 2}
+    metrics["joints_sure_wrong"] = 1
+    names = ("microwave/two_states", "cabinet_c1")
+    answers = {f"direct/{name}": {**some_answer(), "case": name, "metrics": metrics} for name in names}
+    text = PAGES["phantoms"].render({"seed": "0"}, answers)
+    assert "| cabinet_c1 | 4 | 2 | 1 | 1 | 2 | 1 | 2.0 |" in text
+    assert "| **all** | 8 | 4 | 2 | 2 | 4 | 2 | - |" in text
 
 
 def some_answer(recon=0.1):
@@ -97,7 +113,7 @@ def test_every_page_shows_what_there_is():
     for page in (p for name, p in PAGES.items() if name not in ("flow", "loops")):  # those measure
         text = page.render({"seed": "0"}, {})
         assert text.startswith("# ")
-        assert "published" in text.lower() or page is PAGES["use"]
+        assert "published" in text.lower() or page in (PAGES["use"], PAGES["phantoms"])
     names = ("panda", "nao")
     text = PAGES["energies"].render({}, answers_of(names, {job.variant for job in PAGES["energies"].jobs}))
     assert text.count("0.100 (") == 7

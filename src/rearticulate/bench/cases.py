@@ -44,6 +44,13 @@ PERTURBATIONS: dict[str, Callable[[PointSequence, GroundTruth], Recording]] = {
     "frames_30": lambda s, t: perturb.interpolate(s, t, 30),
 }
 
+# situations that break the assumptions of the fit
+BROKEN: dict[str, Callable[[PointSequence, GroundTruth], Recording]] = {
+    "two_states": lambda s, t: perturb.select_frames(s, t, [0, len(s) - 1]),
+    "own_scales": lambda s, t: perturb.rescale(s, t, (1.004, 0.990, 0.992, 0.951)),
+}
+CAPTURED = ("fridge_fixed2", "range_fixed4", "refrigerator_c1", "base_cabinet_c2", "cabinet_c1")  # what cameras see
+
 
 @dataclass(frozen=True)
 class Case:
@@ -59,12 +66,14 @@ class Case:
     @property
     def path(self) -> Path:
         """The sequence below the data folder."""
-        return Path("roboart" if self.object in ROBOTS else "household") / f"{self.object}.npz"
+        folder = "roboart" if self.object in ROBOTS else "capture" if self.object in CAPTURED else "household"
+        return Path(folder) / f"{self.object}.npz"
 
     def load(self, folder: Path) -> Recording:
         path = folder / self.path
         sequence, truth = load_sequence(path), load_truth(path.with_suffix(".truth.npz"))
-        return PERTURBATIONS[self.perturbation](sequence, truth) if self.perturbation else (sequence, truth)
+        change = {**PERTURBATIONS, **BROKEN}.get(self.perturbation)
+        return change(sequence, truth) if change else (sequence, truth)
 
 
 SETS = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from rearticulate.bench import flow_page, paper_pages, results_page, use_page
+from rearticulate.bench import flow_page, paper_pages, phantoms_page, results_page, use_page
 from rearticulate.bench.runner import Answer, Job
 from rearticulate.errors import InputError
 from rearticulate.extras import needs
@@ -35,6 +35,7 @@ PAGES = {
     "loops": Page([], _loops),
     "flow": Page(flow_page.JOBS, flow_page.report),
     "use": Page(use_page.JOBS, use_page.report),
+    "phantoms": Page(phantoms_page.JOBS, phantoms_page.report),
 }
 
 

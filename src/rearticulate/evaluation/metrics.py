@@ -134,12 +134,15 @@ def _joint_metrics(result: FitResult, truth: GroundTruth, true_labels: list[IntA
     right = [e for e in errors if e.type_right]
     sure = [e for e in right if result.joints[e.predicted].determined]
     real = existing_joints(result, truth, true_labels, errors)
-    claimed = sum(joint.determined and not exists for joint, exists in zip(result.joints, real, strict=True))
+    determined = np.array([joint.determined for joint in result.joints])
     n_true = len(truth.parent) - 1
     metrics = [
         Metric("joint_type_share", len(right) / n_true, "share", "higher"),
         Metric("joints_sure_share", len(sure) / n_true, "share", "higher"),
-        Metric("joints_sure_wrong", claimed, "joints", "lower"),
+        Metric("joints_sure_wrong", int((determined & ~real).sum()), "joints", "lower"),
+        Metric("joints_real", int(real[1:].sum()), "joints", ""),
+        Metric("joints_real_sure", int((determined & real)[1:].sum()), "joints", "higher"),
+        Metric("joints_made_up", int((~real).sum()), "joints", "lower"),
     ]
     if sure:
         degrees = float(np.degrees(np.median([e.axis_rad for e in sure])))

@@ -7,6 +7,7 @@ motion to the wanted posture. Frames then share some surface points, which fresh
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -53,6 +54,12 @@ def resample(sequence: PointSequence, truth: GroundTruth, n: int, *, seed: int =
     """n points a frame: a subset where every frame has them, else fused."""
     enough = all(len(p) >= n for p in sequence.points)
     return (subsample if enough else densify)(sequence, truth, n, seed=seed)
+
+
+def rescale(sequence: PointSequence, truth: GroundTruth, factors: Sequence[float]) -> Recording:
+    """Every frame at its own scale, as states that were reconstructed one by one; the truth keeps the true size."""
+    clouds = [k * p for k, p in zip(itertools.cycle(factors), sequence.points, strict=False)]
+    return _recording(clouds, sequence, truth)
 
 
 def drop_random_half(sequence: PointSequence, truth: GroundTruth, frame: int, *, seed: int = 0) -> Recording:
