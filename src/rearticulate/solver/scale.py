@@ -21,7 +21,9 @@ IntArray = NDArray[np.integer]
 
 STEPS = 30
 SETTLED = 1e-4  # a step that scales by less is the last
+DRIFT = 0.012  # clean recordings seem to drift by up to 0.011, sparse ones most
 SURE = 3.0  # standard deviations
+BIAS = 0.05  # spacings: deviation of a registration at the object's radius that no number of points brings down
 LEAST = 0.004  # a scale nearer to one has no consequences
 KNOWN = 0.02  # a part whose own scale is less certain has no say
 NOISE = 0.56  # robust scale of the registration, in spacings
@@ -37,8 +39,9 @@ class Scales:
 
     @property
     def differ(self) -> NDArray[np.bool_]:
-        """(F,) the frames that are surely of another size."""
-        return np.abs(self.size - 1) > np.maximum(SURE * self.std, LEAST)
+        """(F,) the frames that are surely of another size; none where all are alike to what clean recordings are."""
+        surely = np.abs(self.size - 1) > np.maximum(SURE * self.std, LEAST)
+        return surely & (np.ptp(np.where(surely, self.size, 1.0)) > DRIFT)
 
     @property
     def drift(self) -> float:
@@ -77,7 +80,9 @@ def frame_scales(frames: Frames, canonical: int, T: Array, labels: IntArray) -> 
             break
     moving = body // P != canonical
     noise = max(1.48 * float(np.median(np.abs(r[moving[owner]]))), 1e-6) if moving.any() else 1.0
-    return _median_of_bodies(F, body[moving] // P, np.exp(-grown[moving]), noise / np.sqrt(information[moving]))
+    found = _median_of_bodies(F, body[moving] // P, np.exp(-grown[moving]), noise / np.sqrt(information[moving]))
+    radius = float(np.sqrt(frames.points[still].var(axis=0).sum()))
+    return Scales(found.size, np.maximum(found.std, BIAS / radius))
 
 
 def _mean_normals(a: Array, b: Array) -> Array:
