@@ -16,7 +16,8 @@ import pytest
 
 from rearticulate.commands.fitting import FitOptions, write_result
 from rearticulate.errors import FitError, InputError
-from rearticulate.export.robot import ExportConfig, Robot, make_robot
+from rearticulate.export.build import make_robot
+from rearticulate.export.robot import ExportConfig, Robot
 from rearticulate.export.write import export
 from rearticulate.io import atomic
 from rearticulate.io.atomic import atomic_file, atomic_folder, reserve

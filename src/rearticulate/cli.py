@@ -129,13 +129,19 @@ def export(
     max_faces: Annotated[int, typer.Option(help="Triangles of one part.")] = 4000,
     effort: Annotated[float, typer.Option(help="Limit of a joint in the URDF, N m or N.")] = 100.0,
     velocity: Annotated[float, typer.Option(help="Limit of a joint in the URDF, rad/s or m/s.")] = 10.0,
+    friction: Annotated[
+        float | None, typer.Option(help="Of a joint, N m or N. [default: 1% of what it carries]")
+    ] = None,
+    damping: Annotated[
+        float | None, typer.Option(help="Of a joint, N m s/rad or N s/m. [default: a swing loses its speed in 1 s]")
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier export.")] = False,
     json: Json = False,
 ) -> None:
     """Write a result for simulators and viewers: URDF, MJCF, USD, glTF, PLY."""
     from rearticulate.commands.exporting import ExportOptions, export_config, run_export
 
-    config = export_config(margin, density, floating, up, collision, max_faces, effort, velocity)
+    config = export_config(margin, density, floating, up, collision, max_faces, effort, velocity, friction, damping)
     run_export(result, output, ExportOptions(formats, name, overwrite), config, json)
 
 

@@ -45,10 +45,14 @@ def export_config(
     max_faces: int,
     effort: float,
     velocity: float,
+    friction: float | None,
+    damping: float | None,
 ) -> ExportConfig:
     """The settings, checked."""
     shape = ShapeConfig(max_faces=max_faces, density=density, collision=collision)  # type: ignore[arg-type]
-    return ExportConfig(shape, margin, floating, check_up(up), effort=effort, velocity=velocity)
+    return ExportConfig(
+        shape, margin, floating, check_up(up), effort=effort, velocity=velocity, friction=friction, damping=damping
+    )
 
 
 def run_export(source: Path, out: Path | None, options: ExportOptions, config: ExportConfig, as_json: bool) -> None:

@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.export.drives import DAMPING_RATIO, moved_inertia, stiffness
+from rearticulate.export.drives import DAMPING_RATIO, GRAVITY, armature, damping, friction, stiffness
 from rearticulate.export.meshes import collision_file, visual_file
 from rearticulate.export.names import joint_name
 from rearticulate.export.robot import ExportConfig, Robot
@@ -18,8 +18,6 @@ from rearticulate.shape.body import Body
 
 Array = NDArray[np.floating]
 
-ARMATURE = 0.01  # of the inertia that the joint moves
-GRAVITY = 9.81
 SITE = 0.06  # half length of the site on an axis, of the object's size
 MJCF_TYPES = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
 
@@ -38,10 +36,7 @@ def mjcf(robot: Robot, config: ExportConfig) -> str:
                 ET.SubElement(assets, "mesh", name=f"{link.name}_collision_{i}", file=collision_file(link, i))
     world = ET.SubElement(root, "worldbody")
     ET.SubElement(world, "light", pos=numbers(10 * config.up_axis), dir=numbers(-config.up_axis), directional="true")
-    _body(world, robot, 0, [], np.zeros(3))
-    contact = ET.SubElement(root, "contact")
-    for a, b in robot.in_touch:
-        ET.SubElement(contact, "exclude", body1=robot.links[a].name, body2=robot.links[b].name)
+    _body(world, robot, config, 0, [], np.zeros(3))
     _actuators(root, robot)
     _keyframes(root, robot)
     ET.indent(root)
@@ -56,12 +51,14 @@ def _defaults(root: ET.Element) -> None:
     ET.SubElement(collision, "geom", type="mesh", group="3", density="0")
 
 
-def _body(above: ET.Element, robot: Robot, j: int, waiting: list[int], parent_origin: Array) -> None:
+def _body(
+    above: ET.Element, robot: Robot, config: ExportConfig, j: int, waiting: list[int], parent_origin: Array
+) -> None:
     """Link j and all below it. waiting: links without a body above it, whose joints this body has, too."""
     link = robot.links[j]
     if link.body is None:
         for child in robot.children(j):
-            _body(above, robot, child, [*waiting, j], parent_origin)
+            _body(above, robot, config, child, [*waiting, j], parent_origin)
         return
     element = ET.SubElement(above, "body", name=link.name, pos=numbers(link.origin - parent_origin))
     if j == 0 and robot.floating:
@@ -69,12 +66,12 @@ def _body(above: ET.Element, robot: Robot, j: int, waiting: list[int], parent_or
     _inertial(element, link.body)
     for k in [*waiting, j]:
         if robot.links[k].kind != "fixed":
-            _joint(element, robot, k)
+            _joint(element, robot, config, k)
     ET.SubElement(element, "geom", {"class": "visual"}, mesh=link.name, rgba=numbers([*link.color / 255.0, 1.0]))
     for i in range(len(link.body.pieces)):
         ET.SubElement(element, "geom", {"class": "collision"}, mesh=f"{link.name}_collision_{i}")
     for child in robot.children(j):
-        _body(element, robot, child, [], link.origin)
+        _body(element, robot, config, child, [], link.origin)
 
 
 def _inertial(element: ET.Element, body: Body) -> None:
@@ -83,13 +80,16 @@ def _inertial(element: ET.Element, body: Body) -> None:
     ET.SubElement(element, "inertial", pos=numbers(body.centre), mass=repr(body.mass), fullinertia=numbers(full))
 
 
-def _joint(element: ET.Element, robot: Robot, k: int) -> None:
+def _joint(element: ET.Element, robot: Robot, config: ExportConfig, k: int) -> None:
     """A hinge or a slide through the origin of the link, and a site along it."""
     link = robot.links[k]
     attributes = {"name": joint_name(link.name), "type": MJCF_TYPES[link.kind], "axis": numbers(link.axis)}
     if link.kind != "continuous":
         attributes["range"] = numbers(link.limits)
-    ET.SubElement(element, "joint", attributes, armature=repr(ARMATURE * moved_inertia(robot, k)))
+    attributes["armature"] = repr(armature(robot, k))
+    attributes["damping"] = repr(damping(robot, k, config))
+    attributes["frictionloss"] = repr(friction(robot, k, config))
+    ET.SubElement(element, "joint", attributes)
     half = SITE * robot.size
     ET.SubElement(
         element,

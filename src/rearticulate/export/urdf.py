@@ -8,6 +8,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
+from rearticulate.export.drives import damping, friction
 from rearticulate.export.meshes import collision_file, visual_file
 from rearticulate.export.names import joint_name
 from rearticulate.export.robot import ExportConfig, Link, Robot
@@ -34,8 +35,8 @@ def urdf(robot: Robot, config: ExportConfig) -> str:
         joint = ET.SubElement(root, "joint", name=f"{WORLD}_joint", type="floating")
         ET.SubElement(joint, "parent", link=WORLD)
         ET.SubElement(joint, "child", link=robot.links[0].name)
-    for link in robot.links[1:]:
-        root.append(_joint(link, robot.links[link.parent], config))
+    for j in range(1, len(robot.links)):
+        root.append(_joint(robot, j, config))
     ET.indent(root)
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
@@ -66,7 +67,8 @@ def _inertial(element: ET.Element, body: Body | None) -> None:
     ET.SubElement(inertial, "inertia", {name: repr(float(inertia[at])) for name, at in pairs.items()})
 
 
-def _joint(link: Link, parent: Link, config: ExportConfig) -> ET.Element:
+def _joint(robot: Robot, j: int, config: ExportConfig) -> ET.Element:
+    link, parent = robot.links[j], robot.links[robot.links[j].parent]
     joint = ET.Element("joint", name=joint_name(link.name), type=link.kind)
     ET.SubElement(joint, "origin", xyz=numbers(link.origin - parent.origin))
     ET.SubElement(joint, "parent", link=parent.name)
@@ -78,6 +80,8 @@ def _joint(link: Link, parent: Link, config: ExportConfig) -> ET.Element:
     if link.kind != "continuous":
         limit |= {"lower": repr(link.limits[0]), "upper": repr(link.limits[1])}
     ET.SubElement(joint, "limit", limit)
+    resists = {"damping": repr(damping(robot, j, config)), "friction": repr(friction(robot, j, config))}
+    ET.SubElement(joint, "dynamics", resists)
     return joint
 
 

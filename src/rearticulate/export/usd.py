@@ -1,7 +1,6 @@
 """USD with UsdPhysics: an articulation of rigid bodies and joints (https://openusd.org/release/api/usd_physics_page_front.html).
 
-The recorded sequence is in the time samples of the bodies' transforms. As in the MJCF, joints have position drives, and
-links that touch anyway do not collide.
+The recorded sequence is in the time samples of the bodies' transforms. As in the MJCF, joints have position drives.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -14,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rearticulate.export.drives import damping, stiffness
-from rearticulate.export.mjcf import GRAVITY
+from rearticulate.export.drives import GRAVITY, armature, damping, friction, servo_damping, stiffness
 from rearticulate.export.names import joint_name
 from rearticulate.export.robot import ExportConfig, Robot
 from rearticulate.export.urdf import SMALL_INERTIA, SMALL_MASS
@@ -23,6 +21,7 @@ from rearticulate.geometry.se3 import quat_wxyz
 
 Array = NDArray[np.floating]
 
+FRICTION, ARMATURE = "newton:friction", "newton:armature"  # UsdPhysics itself has none
 X = np.array([1.0, 0.0, 0.0])  # the axis of every joint in its own frame
 
 
@@ -48,10 +47,7 @@ def write_usd(path: Path, robot: Robot, config: ExportConfig) -> None:
         anchor = UsdPhysics.FixedJoint.Define(stage, f"/{robot.name}/joints/root_joint")
         anchor.CreateBody1Rel().SetTargets([_path(robot, 0)])
     for j in range(1, len(robot.links)):
-        _joint(stage, robot, j)
-    for a, b in robot.in_touch:
-        filtered = UsdPhysics.FilteredPairsAPI.Apply(stage.GetPrimAtPath(_path(robot, a)))
-        filtered.CreateFilteredPairsRel().AddTarget(_path(robot, b))
+        _joint(stage, robot, config, j)
     stage.GetRootLayer().Save()
 
 
@@ -105,9 +101,9 @@ def _mesh(stage, path: str, mesh):
     return prim
 
 
-def _joint(stage, robot: Robot, j: int) -> None:
+def _joint(stage, robot: Robot, config: ExportConfig, j: int) -> None:
     """Joint j: its frame on either body has x along the axis."""
-    from pxr import Gf, UsdPhysics
+    from pxr import Gf, Sdf, UsdPhysics
 
     link, path = robot.links[j], f"/{robot.name}/joints/{joint_name(robot.links[j].name)}"
     kinds = {
@@ -137,4 +133,6 @@ def _joint(stage, robot: Robot, j: int) -> None:
     per_unit = 1.0 if linear else np.pi / 180  # UsdPhysics counts turns in degrees
     drive.CreateTargetPositionAttr(0.0)
     drive.CreateStiffnessAttr(stiffness(robot, j) * per_unit)
-    drive.CreateDampingAttr(damping(robot, j) * per_unit)
+    drive.CreateDampingAttr((servo_damping(robot, j) + damping(robot, j, config)) * per_unit)
+    for name, value in ((FRICTION, friction(robot, j, config)), (ARMATURE, armature(robot, j))):
+        joint.GetPrim().CreateAttribute(name, Sdf.ValueTypeNames.Float).Set(value)

@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 
 from rearticulate.errors import InputError
+from rearticulate.export.build import make_robot
 from rearticulate.export.meshes import write_meshes
-from rearticulate.export.robot import ExportConfig, Robot, make_robot
+from rearticulate.export.names import joint_name
+from rearticulate.export.robot import ExportConfig, Robot
 from rearticulate.io.atomic import atomic_folder
 from rearticulate.io.ply import write_cloud
 from rearticulate.records import FitResult, PointSequence
@@ -56,11 +58,20 @@ def describe(robot: Robot, config: ExportConfig) -> dict[str, Any]:
             "mass_kg": 0.0 if link.body is None else link.body.mass,
             "faces": 0 if link.body is None else len(link.body.surface.faces),
             "pieces": 0 if link.body is None else len(link.body.pieces),
+            "collision_cut": 0.0 if link.body is None else round(link.body.cut, 4),
             "note": "" if link.body is None else link.body.note,
         }
         for link in robot.links
     ]
-    return {"name": robot.name, "links": links, "config": dataclasses.asdict(config)}
+    touches = [
+        {
+            "links": [robot.links[touch.a].name, robot.links[touch.b].name],
+            "joint": joint_name(robot.links[touch.joint].name),
+            "values": [float(x) for x in touch.values],
+        }
+        for touch in robot.touches
+    ]
+    return {"name": robot.name, "links": links, "touches": touches, "config": dataclasses.asdict(config)}
 
 
 def export(robot: Robot, folder: Path, formats: Sequence[str], config: ExportConfig) -> list[Path]:

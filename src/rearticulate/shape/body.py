@@ -41,7 +41,8 @@ class ShapeConfig(Settings):
 @dataclass(frozen=True)
 class Body:
     """surface: closed, outward normals; pieces: convex; both in canonical coordinates, m. mass: kg. centre: (3,) of
-    mass. inertia: (3, 3) about it, kg m^2, positive definite. note: what had to be made up, if anything."""
+    mass. inertia: (3, 3) about it, kg m^2, positive definite. note: what had to be made up, if anything. cut: share of
+    the volume of the pieces that gave way to other bodies."""
 
     surface: trimesh.Trimesh
     pieces: tuple[trimesh.Trimesh, ...]
@@ -49,6 +50,7 @@ class Body:
     centre: Array
     inertia: Array
     note: str = ""
+    cut: float = 0.0
 
 
 def make_body(points: Array, place: Array, size: float, config: ShapeConfig) -> Body:

@@ -8,6 +8,7 @@ closed. Cavities that the ball cannot reach become solid; a wall scanned from on
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
@@ -15,6 +16,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from rearticulate.geometry.nearest import nearest, search_tree
+
+if TYPE_CHECKING:
+    import manifold3d
 
 Array = NDArray[np.floating]
 
@@ -146,13 +150,23 @@ def onto_points(mesh: trimesh.Trimesh, points: Array, grid: Grid) -> trimesh.Tri
 def simplified(mesh: trimesh.Trimesh, max_faces: int, tolerance: float) -> trimesh.Trimesh:
     """With edges collapsed that do not matter by a tolerance, m, or by a larger one until there are few enough; still
     closed."""
+    body = solid(mesh)
+    while body.num_tri() > max_faces:
+        body = body.simplify(tolerance)
+        tolerance *= COARSER
+    found = body.to_mesh()
+    return trimesh.Trimesh(found.vert_properties[:, :3].astype(np.float64), found.tri_verts, process=False)
+
+
+def solid(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
+    """A closed mesh for exact cuts."""
     import manifold3d
 
-    solid = manifold3d.Manifold(
+    return manifold3d.Manifold(
         manifold3d.Mesh(mesh.vertices.astype(np.float32), np.asarray(mesh.faces, dtype=np.uint32))
     )
-    while solid.num_tri() > max_faces:
-        solid = solid.simplify(tolerance)
-        tolerance *= COARSER
-    found = solid.to_mesh()
-    return trimesh.Trimesh(found.vert_properties[:, :3].astype(np.float64), found.tri_verts, process=False)
+
+
+def meet(one: manifold3d.Manifold, two: manifold3d.Manifold, T_one_two: Array) -> bool:
+    """Whether a body and another one, moved by T (4, 4), have any room in common."""
+    return not (one ^ two.transform(T_one_two[:3])).is_empty()
