@@ -113,7 +113,7 @@ def test_every_page_shows_what_there_is():
     for page in (p for name, p in PAGES.items() if name not in ("flow", "loops")):  # those measure
         text = page.render({"seed": "0"}, {})
         assert text.startswith("# ")
-        assert "published" in text.lower() or page in (PAGES["use"], PAGES["phantoms"])
+        assert "published" in text.lower() or page in (PAGES["use"], PAGES["phantoms"], PAGES["dynamics"])
     names = ("panda", "nao")
     text = PAGES["energies"].render({}, answers_of(names, {job.variant for job in PAGES["energies"].jobs}))
     assert text.count("0.100 (") == 7

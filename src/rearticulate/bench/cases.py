@@ -10,7 +10,7 @@ from pathlib import Path
 from rearticulate.errors import InputError
 from rearticulate.io import load_sequence, load_truth
 from rearticulate.records import GroundTruth, PointSequence
-from rearticulate.synth import perturb
+from rearticulate.synth import bundled, perturb
 
 Recording = tuple[PointSequence, GroundTruth]
 
@@ -28,6 +28,7 @@ HOUSEHOLD = (
     "safety_switch",
     "sink_cabinet",
 )
+BUNDLED = tuple(bundled.names())
 ROBUSTNESS = ("nao", "solo", "allegro", "refrigerator")
 
 PERTURBATIONS: dict[str, Callable[[PointSequence, GroundTruth], Recording]] = {
@@ -70,7 +71,7 @@ class Case:
         return Path(folder) / f"{self.object}.npz"
 
     def load(self, folder: Path) -> Recording:
-        path = folder / self.path
+        path = bundled.path(self.object) if self.object in BUNDLED else folder / self.path
         sequence, truth = load_sequence(path), load_truth(path.with_suffix(".truth.npz"))
         change = {**PERTURBATIONS, **BROKEN}.get(self.perturbation)
         return change(sequence, truth) if change else (sequence, truth)

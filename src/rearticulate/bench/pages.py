@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from rearticulate.bench import flow_page, paper_pages, phantoms_page, results_page, use_page
+from rearticulate.bench import dynamics_page, flow_page, paper_pages, phantoms_page, results_page, use_page
 from rearticulate.bench.runner import Answer, Job
 from rearticulate.errors import InputError
 from rearticulate.extras import needs
@@ -36,6 +36,7 @@ PAGES = {
     "flow": Page(flow_page.JOBS, flow_page.report),
     "use": Page(use_page.JOBS, use_page.report),
     "phantoms": Page(phantoms_page.JOBS, phantoms_page.report),
+    "dynamics": Page(dynamics_page.JOBS, dynamics_page.report),
 }
 
 

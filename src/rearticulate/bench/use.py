@@ -14,9 +14,12 @@ import numpy as np
 import trimesh
 import yourdfpy
 
+from rearticulate.bench.dynamics import gate
 from rearticulate.bench.khronos import validate
+from rearticulate.bench.referees import referees
+from rearticulate.export.build import make_robot
 from rearticulate.export.mjcf import mjcf
-from rearticulate.export.robot import ExportConfig, Robot, make_robot
+from rearticulate.export.robot import ExportConfig, Robot
 from rearticulate.export.write import FORMATS, export
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import inverse, transform
@@ -73,8 +76,19 @@ def exports(result: FitResult, sequence: PointSequence, folder: Path) -> dict[st
         "not_closed": sum(link.body is not None and not link.body.surface.is_watertight for link in robot.links),
         "kinematics_m": max(kinematic_error(robot, model) for model in files),
         "bad_steps": bad_steps(files[1]),
+        **dynamics(robot, folder),
         **playback(robot, mujoco.MjModel.from_xml_path(str(folder / "floating.xml")), sequence),
     }
+
+
+def dynamics(robot: Robot, folder: Path) -> dict[str, float]:
+    """What the simulators say of the export ("ENGINE.measure", see `dynamics.measure`), how many convex pieces it has,
+    the largest share of a link's that was cut away, and how many pairs of links meet over some range."""
+    bodies = [link.body for link in robot.links if link.body is not None]
+    found = {f"{engine}.{key}": value for engine, told in gate(robot, folder).items() for key, value in told.items()}
+    cut = {"pieces": sum(len(body.pieces) for body in bodies), "cut": max(body.cut for body in bodies)}
+    told = referees(folder / f"{robot.name}.urdf")
+    return {**found, **told, **cut, "touches": len({(touch.a, touch.b) for touch in robot.touches})}
 
 
 def khronos(path: Path) -> dict[str, float]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations, product
+from typing import TYPE_CHECKING
 
-import manifold3d
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from rearticulate.geometry.se3 import inverse
 from rearticulate.shape.clearance import Pieces
 from rearticulate.shape.convex import Convex
 from rearticulate.shape.surface import meet, solid
+
+if TYPE_CHECKING:
+    import manifold3d
 
 Array = NDArray[np.floating]
 
@@ -47,7 +50,7 @@ def cleared(robot: Robot) -> Robot:
         for j in path(robot, a, b):
             q = alone(robot, j)
             T = relative(robot, q, a, b)
-            near = pieces.near(a, b, T).any(axis=(1, 2))
+            near = np.asarray(pieces.near(a, b, T).any(axis=(1, 2)))
             touching = np.array([n and meet(surfaces[a], surfaces[b], T_f) for n, T_f in zip(near, T, strict=True)])
             touches += [Touch(a, b, j, (q[k, j], q[m - 1, j])) for k, m in runs(touching)]
             for k, m in runs(~touching):

@@ -169,4 +169,4 @@ def solid(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
 
 def meet(one: manifold3d.Manifold, two: manifold3d.Manifold, T_one_two: Array) -> bool:
     """Whether a body and another one, moved by T (4, 4), have any room in common."""
-    return not (one ^ two.transform(T_one_two[:3])).is_empty()
+    return not (one ^ two.transform(np.asarray(T_one_two[:3], dtype=np.float64))).is_empty()
