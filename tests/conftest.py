@@ -13,6 +13,18 @@ from browser import CHROMIUM, FLAGS, FOREIGN
 settings.register_profile("quick", max_examples=25, deadline=None, derandomize=True)
 settings.load_profile("quick")
 
+SLOW = (  # whole fits, browsers, thousands of files, fresh processes: all others take less than a minute together
+    *("atomic", "bounds", "examples", "export", "export_command", "extras", "fit", "gate", "guess", "hostile"),
+    *("hostile_names", "incomplete", "network_training", "neural_relax", "parallel", "posing_commands", "public_names"),
+    *("shape", "spherical", "track", "view"),
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.path.stem.removeprefix("test_") in SLOW:
+            item.add_marker(pytest.mark.slow)
+
 
 @pytest.fixture(scope="session")
 def data_folder() -> Path:
