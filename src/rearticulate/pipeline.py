@@ -99,9 +99,9 @@ def fit(
     energies = {int(known[t.canonical]): t.energy for t in fits}
     best = min(fits, key=lambda t: t.energy)
     c = int(known[best.canonical])
+    clock("finish", 0.0)
     if isinstance(best.tree, Articulated):
         best = Candidate(c, *fill_in(frames, known, c, best.tree, best.labels), best.energy, best.relaxed)
-    clock("finish", 0.0)
     clock("finish", 0.5)
     result = to_result(sequence, chosen, frames, best, config, seed, energies)
     clock("finish", 1.0)
