@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import warnings
 from pathlib import Path
 
@@ -87,3 +89,13 @@ def test_one_folder_a_state(tmp_path: Path) -> None:
     np.testing.assert_array_equal(load_sequence(tmp_path / "*" / "cloud.xyz").points, sequence.points)
     np.savetxt(tmp_path / "state2" / "more.xyz", points[0])
     assert "state2 holds 2 files of points; give each folder exactly one" in refusal(tmp_path)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are bytes on Linux alone")
+def test_names_do_not_steer_a_terminal(tmp_path: Path) -> None:
+    points = clouds(2)
+    for name, frame in zip((b"a\x1b[31m0.xyz", b"a\xff1.xyz"), points, strict=True):
+        with open(os.path.join(os.fsencode(tmp_path), name), "wb") as file:
+            np.savetxt(file, frame)
+    sequence = load_sequence(tmp_path)
+    assert len(sequence) == 2 and all(name.isprintable() for name in sequence.names)

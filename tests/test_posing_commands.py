@@ -190,6 +190,7 @@ def test_joints_that_nothing_constrains_stay(saved: Path, tmp_path: Path) -> Non
     [
         ({"clicks": []}, "no clicks; give"),
         ([1], "no clicks; give"),
+        ({"clicks": [{"source": [0, 0, 0], "target": [0, 0, 0]}] * 2001}, "2001 clicks, at most 2000"),
         ({"clicks": [3]}, 'click 0 must have "source" and "target"'),
         ({"clicks": [{"source": [0, 0, 0]}]}, "target of click 0 must be finite numbers of shape 3"),
         (

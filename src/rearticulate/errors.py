@@ -19,3 +19,8 @@ def one_line(error: Exception) -> str:
     """An exception's message on one line of bearable length, or its type."""
     text = " ".join(str(error).split())
     return text[:120] or type(error).__name__
+
+
+def printable(text: str) -> str:
+    """The text with a mark in place of all that would steer a terminal or is no character at all."""
+    return "".join(c if c.isprintable() else "\ufffd" for c in text)

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import typer
 
-from rearticulate.errors import FitError, InputError
+from rearticulate.errors import FitError, InputError, printable
 from rearticulate.extras import needs
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
@@ -56,7 +56,7 @@ def _end(line: str, code: int, error: Exception | None = None) -> NoReturn:
 
 def say(line: str) -> None:
     """One line on stderr."""
-    print(" ".join(line.split()), file=sys.stderr, flush=True)
+    print(printable(" ".join(line.split())), file=sys.stderr, flush=True)
 
 
 @contextmanager

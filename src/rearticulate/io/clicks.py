@@ -17,6 +17,8 @@ from rearticulate.errors import InputError
 from rearticulate.jsons import json_array, read_json
 from rearticulate.records import Array
 
+MOST = 2000  # clicks of a file; a posture has some tens of values
+
 
 @dataclass(frozen=True)
 class Clicks:
@@ -33,6 +35,8 @@ def load_clicks(path: Path) -> Clicks:
     clicks = record.get("clicks") if isinstance(record, dict) else None
     if not isinstance(clicks, list) or not clicks:
         raise InputError(f'{path}: no clicks; give {{"clicks": [{{"source": [x, y, z], "target": [x, y, z]}}, ...]}}')
+    if len(clicks) > MOST:
+        raise InputError(f"{path}: {len(clicks)} clicks, at most {MOST} are taken; a few determine a posture")
     for k, click in enumerate(clicks):
         if not isinstance(click, dict):
             raise InputError(f'{path}: click {k} must have "source" and "target"')

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rearticulate.errors import InputError, InputWarning
+from rearticulate.errors import InputError, InputWarning, printable
 from rearticulate.io.arrays import SHAPES, frames_in_arrays
 from rearticulate.io.budget import MAX_BYTES
 from rearticulate.io.check import check_frame, check_sequence
@@ -157,8 +157,8 @@ def _frames(path: Path, options: _Options, told: _Told, single: bool) -> Iterato
         return
     files = [(path.name, path)] if single and is_file and kind in READERS else frame_files(path)
     for f, (name, file) in enumerate(files):
-        told.frame = name
-        yield name, read_points(file, options.reading(f, told))
+        told.frame = printable(name)
+        yield told.frame, read_points(file, options.reading(f, told))
 
 
 @dataclass
