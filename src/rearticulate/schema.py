@@ -100,7 +100,7 @@ def _check_shape(name: str, array: Array, field: Field, sizes: dict[str, int]) -
 
 def _check_range(name: str, array: Array, field: Field, sizes: dict[str, int]) -> None:
     if field.kind == "real":
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):
             wrong = ~(np.abs(array) < FAR)
         if wrong.any():
             raise InputError(f"{name} must hold finite numbers, not {array[wrong][0]} as in {_first(wrong)}")
