@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-EXTRAS = ("", "export", "simulate", "paper", "video", "view", "train")
+EXTRAS = ("", "export", "simulate", "paper", "video", "view", "simulators", "train")
 COMMANDS = {
     "fit": "fit seq.npz -o out --overwrite --canonical 1 --config quick.json",
     "fit, paper": "fit seq.npz -o paper --overwrite --canonical 1 --preset paper --config quick.json --no-report",

@@ -42,6 +42,7 @@ def test_what_has_no_rigid_parts_stops_at_so_many_and_says_so(bent: tuple[FitRes
     assert result.relaxed is not None and result.relaxed.T_world_part.shape[1] <= FEW.max_parts + 1
     assert result.model.n_parts <= FEW.max_parts + 1 + FEW.project.max_hidden
     assert len(result.notes) == 1 and result.notes[0].startswith("stopped at 6 of ")
+    assert not any(joint.determined for joint in result.joints[1:])
 
 
 def test_every_stage_tells_how_far_it_is(bent: tuple[FitResult, Calls]) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from rearticulate.config import PRESETS, FitConfig, load_config, preset
 from rearticulate.errors import InputError
+from rearticulate.network.pairs import PairConfig
 
 
 def written(folder, values):
@@ -65,7 +66,7 @@ def numeric(config):
             yield config, f.name, hints[f.name].__metadata__[0]
 
 
-NUMERIC = list(numeric(FitConfig()))
+NUMERIC = [*numeric(FitConfig()), *numeric(PairConfig())]
 
 
 @pytest.mark.parametrize(("owner", "name", "bounds"), NUMERIC, ids=lambda x: x if isinstance(x, str) else "")

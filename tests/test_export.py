@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from rearticulate.bench.dynamics import gate, passes
 from rearticulate.bench.engines.in_mujoco import MujocoEngine
+from rearticulate.bench.referees import referees
 from rearticulate.bench.khronos import VALIDATOR, validate
 from rearticulate.export.build import make_robot
 from rearticulate.export.drives import damping, servo_damping, stiffness
@@ -316,6 +317,14 @@ def test_an_export_rests_sweeps_and_holds(exported: tuple[Robot, Path]) -> None:
         pytest.skip("the gate is for a fixed root")
     for engine, measures in gate(robot, folder).items():
         assert passes(measures), (engine, measures)
+
+
+def test_others_find_no_errors_in_a_description(exported: tuple[Robot, Path]) -> None:
+    robot, folder = exported
+    found = referees(folder / f"{robot.name}.urdf")
+    assert {name: count for name, count in found.items() if name.endswith(".errors")} == dict.fromkeys(
+        ("simcheck.errors", "urdf_validator.errors"), 0
+    )
 
 
 def test_links_that_meet_beyond_their_limits_do_touch(exported: tuple[Robot, Path]) -> None:

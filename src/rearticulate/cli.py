@@ -339,7 +339,7 @@ def bench(
     """Fit the sequences with ground truth and write a page of tables; a stopped run goes on where it was."""
     from rearticulate.commands.benching import BenchOptions, run_bench
 
-    run_bench(table, output, BenchOptions(tuple(only or ()), seed, jobs, fresh, quick, compare, json))
+    run_bench(table, output, BenchOptions(frozenset(only or ()), seed, jobs, fresh, quick, compare, json))
 
 
 @app.command("train-flow")

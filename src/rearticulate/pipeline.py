@@ -106,18 +106,7 @@ def fit(
     result = to_result(sequence, chosen, frames, best, config, seed, energies)
     clock("finish", 1.0)
     stages = tuple(StageTime(name, seconds) for name, seconds in clock.seconds.items())
-    return dataclasses.replace(result, stages=stages, notes=notes(best.relaxed, config) + result.notes)
-
-
-def notes(relaxed: Relaxed, config: FitConfig) -> tuple[str, ...]:
-    """What a reader must know before the numbers."""
-    if relaxed.found <= config.max_parts:
-        return ()
-    return (
-        f"stopped at {config.max_parts} of {relaxed.found} rigid parts: this does not look like one object of jointed "
-        "rigid parts (does something bend or flow, are the frames of one object, is their order right?); do not trust "
-        "its joints",
-    )
+    return dataclasses.replace(result, stages=stages)
 
 
 def canonical_frames(counts: IntArray, canonical: int | None, config: FitConfig) -> list[int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,7 @@ def to_result(
     """Back to metres and to the input's points."""
     tree, c, T = best.tree, best.canonical, best.tree.forward()
     scales = frame_scales(frames, c, T, best.labels)
+    stopped = too_many_parts(best.relaxed, config)
     if isinstance(tree, Articulated):
         joints = screw_joints(frames, best, config, scales.drift)
     else:
@@ -75,14 +76,14 @@ def to_result(
         model=model,
         motion=Motion(joints.q, from_unit(tree.T_root, frames.unit, frames.centre)),
         labels=labels,
-        joints=tuple(joints.diagnostics),
+        joints=tuple(withdrawn(joints.diagnostics) if stopped else joints.diagnostics),
         energy=best.energy,
         energies=energies,
         residual=frame_residual(frames, c, T, best.labels) * frames.unit,
         config=asdict(config),
         seed=seed,
         relaxed=relaxed_model(sequence, chosen, frames, best),
-        notes=(*few_states(frames.n_frames), *other_scales(scales, c)),
+        notes=(*stopped, *few_states(frames.n_frames), *other_scales(scales, c)),
         machine=machine(),
         sampling=sampling_distance(frames) * frames.unit,
     )
@@ -124,6 +125,23 @@ def ball_joints(frames: Frames, best: Candidate, tree: BallTree) -> Joints:
     limits = np.stack([np.zeros(P), angle], axis=1)
     diagnostics = diagnose_balls(frames, best.canonical, tree, best.labels)
     return Joints(tuple(kinds), np.zeros((P, 3)), origin, limits, q, diagnostics)
+
+
+def too_many_parts(relaxed: Relaxed, config: FitConfig) -> tuple[str, ...]:
+    """What a fit cannot tell that ended at its limit, not where the points are explained."""
+    if relaxed.found <= config.max_parts:
+        return ()
+    return (
+        f"stopped at {config.max_parts} of {relaxed.found} rigid parts: this does not look like one object of jointed "
+        "rigid parts (does something bend or flow, are the frames of one object, is their order right?); do not trust "
+        "its joints",
+    )
+
+
+def withdrawn(joints: list[JointDiagnostics]) -> list[JointDiagnostics]:
+    """The joints, none but the root called determined."""
+    why = "the search for parts stopped before the points were explained"
+    return [joints[0], *(replace(j, determined=False, note="; ".join(filter(None, (j.note, why)))) for j in joints[1:])]
 
 
 def few_states(frames: int) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ TEXT = (
     "Contacts of links that are no neighbours do not count where the surfaces themselves meet. Passed: below 0.01 rad "
     "or m, and 1 mm at rest and in the sweeps. simcheck, urdf_validator: errors / warnings of these packages. Cut: the "
     "largest share of a link's convex pieces that was taken away so that the others can move. Touching: pairs of links "
-    "that meet somewhere in the range of a joint. All simulators: `pip install rearticulate[dev,simulators]`."
+    "that meet somewhere in the range of a joint. All simulators: `pip install rearticulate[dev]`."
 )
 
 

@@ -12,6 +12,7 @@ from rearticulate.bench.pages import find_page
 from rearticulate.bench.runner import Job, Runner
 from rearticulate.bench.stamp import stamp
 from rearticulate.bench.variants import QUICK, variant
+from rearticulate.bounds import Count, Seed, Settings
 from rearticulate.commands.outcome import say
 from rearticulate.commands.show import print_json
 from rearticulate.errors import FitError, InputError
@@ -19,12 +20,12 @@ from rearticulate.io.atomic import atomic_file, reserve
 
 
 @dataclass(frozen=True)
-class BenchOptions:
+class BenchOptions(Settings):
     """What the command line says about a benchmark."""
 
-    only: tuple[str, ...]
-    seed: int
-    jobs: int
+    only: frozenset[str]
+    seed: Seed
+    jobs: Count
     fresh: bool
     quick: bool
     compare: Path | None
@@ -61,14 +62,14 @@ def run_bench(name: str, out: Path, options: BenchOptions) -> None:
         _compare(options.compare, answers)
 
 
-def choose(jobs: list[Job], only: tuple[str, ...]) -> list[Job]:
+def choose(jobs: list[Job], only: frozenset[str]) -> list[Job]:
     """The jobs of the named objects, cases or variants; all of them where none is named."""
     names = [{job.name, job.case.name, job.case.object, job.variant} for job in jobs]
-    unknown = [name for name in only if not any(name in own for own in names)]
+    unknown = [name for name in sorted(only) if not any(name in own for own in names)]
     if unknown:
         known = dict.fromkeys(job.case.name for job in jobs)
         raise InputError(f"nothing here is called {', '.join(unknown)}; there are {', '.join(known)}")
-    return [job for job, own in zip(jobs, names, strict=True) if not only or own & set(only)]
+    return [job for job, own in zip(jobs, names, strict=True) if not only or own & only]
 
 
 def _compare(baseline: Path, answers: dict) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from rearticulate.bounds import Count, CountOrZero, Seed, Settings
 from rearticulate.commands.outcome import say
 from rearticulate.errors import InputError
 from rearticulate.extras import needs
@@ -17,14 +18,14 @@ from rearticulate.io.atomic import reserve
 
 
 @dataclass(frozen=True)
-class TrainOptions:
+class TrainOptions(Settings):
     """What the command line says about a training run."""
 
-    steps: int
-    seed: int
+    steps: Count
+    seed: Seed
     device: str
     mixed: bool | None
-    workers: int
+    workers: CountOrZero
     resume: bool
     overwrite: bool
 

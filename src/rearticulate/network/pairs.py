@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rearticulate.bounds import NotNegative, Settings, Share
 from rearticulate.geometry.nearest import nearest, rms_radius, search_tree
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.synth.articulated import ArticulatedObject
@@ -22,21 +23,21 @@ OCCLUDED = 3.0  # a true neighbour farther than this, in point spacings, is none
 
 
 @dataclass(frozen=True)
-class PairConfig:
+class PairConfig(Settings):
     """How pairs vary. Angles in degrees; lengths in root mean square radii of the object."""
 
-    step_deg: tuple[float, float] = (2.0, 30.0)
-    still: float = 0.2  # share of the joints that stand still
-    upright: float = 0.6  # share of the pairs that are turned about the vertical alone, and tilted a little
-    tilt_deg: float = 10.0
-    root: float = 0.5  # share of the pairs whose root moves, too
-    root_deg: float = 15.0
-    root_shift: float = 0.1
-    noise: tuple[float, float] = (0.0, 0.015)
-    noisy: float = 0.5
-    one_sided: float = 0.15
-    hole: float = 0.3  # share of the pairs from whose second cloud a ball is cut out
-    hole_radius: tuple[float, float] = (0.1, 0.4)
+    step_deg: tuple[NotNegative, NotNegative] = (2.0, 30.0)
+    still: Share = 0.2  # share of the joints that stand still
+    upright: Share = 0.6  # share of the pairs that are turned about the vertical alone, and tilted a little
+    tilt_deg: NotNegative = 10.0
+    root: Share = 0.5  # share of the pairs whose root moves, too
+    root_deg: NotNegative = 15.0
+    root_shift: NotNegative = 0.1
+    noise: tuple[NotNegative, NotNegative] = (0.0, 0.015)
+    noisy: Share = 0.5
+    one_sided: Share = 0.15
+    hole: Share = 0.3  # share of the pairs from whose second cloud a ball is cut out
+    hole_radius: tuple[NotNegative, NotNegative] = (0.1, 0.4)
 
 
 @dataclass(frozen=True)

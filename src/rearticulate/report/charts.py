@@ -14,10 +14,10 @@ MAIN, MARKED = "#4c78a8", "#e4572e"
 
 
 def residual_chart(result: FitResult) -> Figure:
-    """Mean distance of each frame's points to the model, mm."""
-    residual = 1000 * np.asarray(result.residual)
-    frames = list(range(len(residual)))
-    return _bars(frames, residual.tolist(), result.model.canonical, "frame", "mm")
+    """Mean distance of each frame's points to the model, mm, as far as the sampling does not explain it."""
+    told = result.residual if result.misfit is None else result.misfit
+    unit = "mm" if result.misfit is None else "mm beyond the sampling"
+    return _bars(list(range(len(told))), (1000 * np.asarray(told)).tolist(), result.model.canonical, "frame", unit)
 
 
 def energy_chart(result: FitResult) -> Figure:

@@ -17,6 +17,7 @@ from rearticulate.geometry.nearest import nearest, rms_radius, search_tree
 from rearticulate.geometry.se3 import inverse, to_unit, transform
 from rearticulate.solver.chains import ChainFit, fit_prismatic, fit_revolute, rest_cost
 from rearticulate.solver.frames import Frames
+from rearticulate.solver.progress import Told, rounds, untold
 from rearticulate.solver.relaxed import Relaxed, keep_parts, merge_pair
 from rearticulate.solver.tree import Link, Projection, assemble, spanning_tree
 
@@ -75,14 +76,18 @@ def centred(frames: Frames, canonical: int, model: Relaxed, radius: float) -> Pa
     return Parts(to_unit(model.T, 1.0, centre), points - centre, model.labels[rows], canonical, scale, centre)
 
 
-def merge_still(frames: Frames, canonical: int, model: Relaxed, config: DeviationConfig) -> Relaxed:
+def merge_still(
+    frames: Frames, canonical: int, model: Relaxed, config: DeviationConfig, told: Told = untold
+) -> Relaxed:
     """Merge parts that do not move against each other, the nearest pair first (supplement, "Merging").
 
     The larger part of a pair gives its motion. Parts without points in the canonical frame are not there.
     """
     rows = frames.rows(canonical)
     model = keep_parts(frames, model, np.unique(model.labels[rows]))
-    while model.n_parts > 1:
+    for _ in rounds(told):
+        if model.n_parts == 1:
+            break
         parts = centred(frames, canonical, model, config.radius)
         a, b = np.tril_indices(model.n_parts, -1)
         gap = parts.gaps()[a, b]

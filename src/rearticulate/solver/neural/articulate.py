@@ -31,7 +31,7 @@ def articulate_paper(
 ) -> tuple[Articulated | BallTree, IntArray, float]:
     """The tree, the labels (M,) of all points, and what the canonical frame is chosen by: E_project + E_group."""
     progress("project", 0.0)
-    model = merge_still(frames, canonical, relaxed, config.deviation)
+    model = merge_still(frames, canonical, relaxed, config.deviation, lambda done: progress("project", 0.5 * done))
     progress("project", 0.5)
     root = choose_root(frames, canonical, model, config.project)
     if config.deviation.joints == "ball":
