@@ -17,7 +17,7 @@ EXTRAS = {  # what brings a module that not every installation has
     "torch": "paper",
     "viser": "view",
     "yourdfpy": "simulate",
-    "mujoco": "dev",
+    "mujoco": "simulators",
 }
 
 

@@ -59,7 +59,7 @@ def training_robots() -> dict[str, ArticulatedObject]:
     """All robots of the catalogue whose package is installed, by name."""
     found = [robot for robot in CATALOGUE if robot.path is not None]
     if not found:
-        raise InputError("none of the robots to train on is installed: pip install 'rearticulate[train]'")
+        raise InputError('none of the robots to train on is installed: pip install "rearticulate[train]"')
     return {robot.name: load_robot(robot) for robot in found}
 
 
