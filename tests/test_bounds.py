@@ -10,8 +10,8 @@ import pytest
 
 from rearticulate.config import ClusterConfig, FitConfig
 from rearticulate.pipeline import fit
+from rearticulate.progress import rounds, steps
 from rearticulate.records import FitResult, PointSequence
-from rearticulate.solver.progress import rounds, steps
 from rearticulate.synth import objects
 from rearticulate.synth.articulated import record
 

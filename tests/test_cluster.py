@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from rearticulate.config import ClusterConfig, TrackConfig
 from rearticulate.evaluation.clustering import rand_index
 from rearticulate.geometry.se3 import exp_se3, transform
-from rearticulate.solver.cluster import adjacent_labels, cluster, moments
-from rearticulate.solver.track import Tracks, make_patches
+from rearticulate.parts.cluster import adjacent_labels, cluster, moments
+from rearticulate.parts.patches import Tracks, make_patches
 
 
 def scattered(seed=0, noise=0.3):

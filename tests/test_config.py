@@ -11,7 +11,7 @@ import pytest
 
 from rearticulate.config import PRESETS, FitConfig, load_config, preset
 from rearticulate.errors import InputError
-from rearticulate.network.pairs import PairConfig
+from rearticulate.training.pairs import PairConfig
 
 
 def written(folder, values):

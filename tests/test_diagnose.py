@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from rearticulate.config import ProjectConfig
-from rearticulate.solver.articulated import Articulated
-from rearticulate.solver.diagnose import diagnose
-from rearticulate.solver.frames import make_frames
+from rearticulate.joints.articulated import Articulated
+from rearticulate.joints.diagnose import diagnose
+from rearticulate.observe.frames import make_frames
 from rearticulate.synth import objects
 from rearticulate.synth.articulated import record
 

@@ -10,9 +10,11 @@ import pytest
 from oracle import in_spacings
 from rearticulate.config import LabelConfig, SeamConfig
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
-from rearticulate.solver.energy import evidence_frames
-from rearticulate.solver.frames import make_frames
-from rearticulate.solver.labels import (
+from rearticulate.joints.seams import best_cut
+from rearticulate.observe.energy import evidence_frames
+from rearticulate.observe.frames import make_frames
+from rearticulate.observe.fused import surface_noise
+from rearticulate.parts.labels import (
     IMPOSSIBLE,
     Graph,
     Labeller,
@@ -22,8 +24,6 @@ from rearticulate.solver.labels import (
     sheet_evidence,
     spatial_graph,
 )
-from rearticulate.solver.relaxed import surface_noise
-from rearticulate.solver.seams import best_cut
 
 
 def plain_mean_field(unary, neighbour, weight, iterations):

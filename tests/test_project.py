@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from rearticulate.config import ProjectConfig
 from rearticulate.geometry.se3 import exp_se3, inverse
-from rearticulate.solver.articulated import Articulated
-from rearticulate.solver.frames import make_frames
-from rearticulate.solver.project import Evidence, free_share
-from rearticulate.solver.relaxed import Relaxed
-from rearticulate.solver.tree import choose_root, spanning_tree
+from rearticulate.joints.articulated import Articulated
+from rearticulate.joints.evidence import Evidence, free_share
+from rearticulate.joints.tree import choose_root, spanning_tree
+from rearticulate.observe.frames import make_frames
+from rearticulate.parts.relaxed import Relaxed
 
 
 def symmetric(cost):

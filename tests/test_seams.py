@@ -5,9 +5,9 @@ import numpy as np
 from rearticulate.config import LabelConfig, SeamConfig
 from rearticulate.geometry.kinematics import forward_kinematics
 from rearticulate.geometry.se3 import transform
-from rearticulate.solver.articulated import Articulated
-from rearticulate.solver.frames import make_frames
-from rearticulate.solver.seams import cut_seams
+from rearticulate.joints.articulated import Articulated
+from rearticulate.joints.seams import cut_seams
+from rearticulate.observe.frames import make_frames
 
 PARENT = np.array([-1, 0, 1])
 AXES = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from oracle import in_spacings
 from rearticulate.config import ProjectConfig
 from rearticulate.geometry.se3 import exp_se3, inverse, log_se3
-from rearticulate.solver.articulated import Articulated, apply_step
-from rearticulate.solver.bundle import adjust_to_poses
-from rearticulate.solver.frames import make_frames
-from rearticulate.solver.project import near_contact
-from rearticulate.solver.simplify import simplify, weld
+from rearticulate.joints.articulated import Articulated, apply_step
+from rearticulate.joints.bundle import adjust_to_poses
+from rearticulate.joints.project import near_contact
+from rearticulate.joints.simplify import simplify, weld
+from rearticulate.observe.frames import make_frames
 from rearticulate.synth import objects
 from rearticulate.synth.articulated import record
 from test_articulated import CANONICAL, F, information, tree

@@ -13,14 +13,14 @@ from rearticulate.evaluation.metrics import evaluate
 from rearticulate.evaluation.tree_distance import tree_edit_distance
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.io.model import load_result, save_result
-from rearticulate.pose.retarget import retarget
-from rearticulate.pose.single import single_valued
+from rearticulate.joints.deviation import centred
+from rearticulate.joints.spherical import fit_balls, project_balls
+from rearticulate.joints.tree import choose_root
+from rearticulate.observe.frames import make_frames
+from rearticulate.parts.relaxed import Relaxed
+from rearticulate.posing.single import single_valued
 from rearticulate.records import KinematicModel
-from rearticulate.solver.deviation import centred
-from rearticulate.solver.frames import make_frames
-from rearticulate.solver.relaxed import Relaxed
-from rearticulate.solver.spherical import fit_balls, project_balls
-from rearticulate.solver.tree import choose_root
+from rearticulate.retargeting.retarget import retarget
 from rearticulate.synth.balls import PARENT, record_figure
 
 C = 2

@@ -6,9 +6,9 @@ from scipy.spatial import KDTree
 
 from rearticulate.config import TrialConfig
 from rearticulate.geometry.nearest import nearest
-from rearticulate.solver.frames import make_frames
-from rearticulate.solver.relaxed import Relaxed
-from rearticulate.solver.trial import Trials, shared_border, trial_merge
+from rearticulate.observe.frames import make_frames
+from rearticulate.parts.relaxed import Relaxed
+from rearticulate.parts.trial import Trials, shared_border, trial_merge
 
 
 def test_borders_are_symmetric_and_as_long_as_the_common_edge():

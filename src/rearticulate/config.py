@@ -18,7 +18,7 @@ AtLeastTwo = Annotated[int, Bounds(2, 10**9)]  # of a schedule with a first and 
 
 @dataclass(frozen=True)
 class TrackConfig(Settings):
-    """Patch tracking (`solver.track`)."""
+    """Patch tracking (`parts.patches`)."""
 
     points_per_node: Positive = 12.8
     min_nodes: CountOrZero = 160
@@ -42,7 +42,7 @@ class TrackConfig(Settings):
 
 @dataclass(frozen=True)
 class ClusterConfig(Settings):
-    """Over-segmentation of the tracked patches (`solver.cluster`)."""
+    """Over-segmentation of the tracked patches (`parts.cluster`)."""
 
     sigma: Positive = 0.75
     penalty: NotNegative = 5.0  # growth of the rigid-fit error, in sigma^2 a frame, that stops the merging ...
@@ -51,9 +51,9 @@ class ClusterConfig(Settings):
 
 @dataclass(frozen=True)
 class TrialConfig(Settings):
-    """Trial merges and repairs of parts (`solver.trial`)."""
+    """Trial merges and repairs of parts (`parts.trial`)."""
 
-    subset: Count = 90  # points of a part that take part in a trial (`solver.trial.Trials.subset`)
+    subset: Count = 90  # points of a part that take part in a trial (`parts.trial.Trials.subset`)
     gap: NotNegative = 4.0  # parts closer than this may be tried
     border: NotNegative = 0.5  # what a border as long as the smaller part has points is worth when pairs compete
     threshold_first: Positive = 0.03  # growth of the misfit below which two parts are one
@@ -62,9 +62,9 @@ class TrialConfig(Settings):
 
 @dataclass(frozen=True)
 class RepairConfig(Settings):
-    """Restarts of lost parts (`solver.repair`)."""
+    """Restarts of lost parts (`parts.repair`)."""
 
-    subset: Count = 150  # points of a part that take part in a restart (`solver.trial.Trials.subset`)
+    subset: Count = 150  # points of a part that take part in a restart (`parts.trial.Trials.subset`)
     minimum_points: CountOrZero = 12
     margin: NotNegative = 0.06  # another pose must lower the misfit by this much to be taken
     unexplained: Positive = 1.5  # a point farther than this from every other part is unexplained
@@ -85,7 +85,7 @@ class RepairConfig(Settings):
 
 @dataclass(frozen=True)
 class RestConfig(Settings):
-    """The part at rest (`solver.relax.part_at_rest`)."""
+    """The part at rest (`parts.rest`)."""
 
     motion: NotNegative = 1.0  # only when every part moves more than this
     minimum_part: CountOrZero = 40
@@ -96,7 +96,7 @@ class RestConfig(Settings):
 
 @dataclass(frozen=True)
 class LabelConfig(Settings):
-    """Labels of all frames' points (`solver.labels`)."""
+    """Labels of all frames' points (`parts.labels`)."""
 
     offset_scale: Positive = 0.4  # Gaussian weight of the offset between the tangent planes of two neighbours
     space_scale: Positive = 1.87  # Gaussian weight of a spatial neighbour
@@ -119,7 +119,7 @@ class LabelConfig(Settings):
 
 @dataclass(frozen=True)
 class ProjectConfig(Settings):
-    """Tests of relative motion and the kinematic tree (`solver.project`). Chi-squares are per degree of freedom."""
+    """Tests of relative motion and the kinematic tree (`joints.project`). Chi-squares are per degree of freedom."""
 
     noise_floor: NotNegative = 0.25  # registration is never trusted to better than this
     merge: NotNegative = 1.0  # parts that rest against each other better than this are one
@@ -147,7 +147,7 @@ class ProjectConfig(Settings):
 
 @dataclass(frozen=True)
 class SeamConfig(Settings):
-    """Plane seams across joint axes (`solver.seams`)."""
+    """Plane seams across joint axes (`joints.seams`)."""
 
     zone: NotNegative = 9.0  # points this near to both parts may change sides
     minimum_points: CountOrZero = 30
@@ -165,7 +165,7 @@ class SeamConfig(Settings):
 
 @dataclass(frozen=True)
 class NeuralConfig(Settings):
-    """The paper's relaxed model (`solver.neural.relax`), supplement, "Optimization Details". Lengths in metres of the
+    """The paper's relaxed model (`methods.paper.relax`), supplement, "Optimization Details". Lengths in metres of the
     object as the fit sees it, scaled to `radius`."""
 
     radius: Positive = 0.3  # rms distance of the canonical points from their centroid: about that of a robot of 1 m
@@ -197,7 +197,7 @@ class NeuralConfig(Settings):
     temperature_end: NotNegative = 1.0
     minimum_points: CountOrZero = 20  # a part with fewer canonical points is dissolved
     start_iterations: CountOrZero = 300  # that fit the field to given labels, when there are any
-    final_iterations: CountOrZero = 200  # of the final fit (`solver.neural.refine`)
+    final_iterations: CountOrZero = 200  # of the final fit (`methods.paper.refine`)
     final_rate: Positive = 1e-2
     final_rate_end: Share = 0.0
     final_thinning: Count = 2
@@ -206,7 +206,7 @@ class NeuralConfig(Settings):
 
 @dataclass(frozen=True)
 class DeviationConfig(Settings):
-    """The paper's rules for merging and projecting (`solver.deviation`), in metres of an object scaled to `radius`."""
+    """The paper's rules for merging and projecting (`joints.deviation`), in metres of an object scaled to `radius`."""
 
     joints: Literal["screw", "ball"] = "screw"  # hinges and slides, or ball joints alone ("beyond 1DOF joints")
     radius: Positive = 0.3  # rms distance of the canonical points from their centroid
@@ -220,8 +220,8 @@ class DeviationConfig(Settings):
 class FitConfig(Settings):
     """Everything a fit depends on besides the sequence and the seed."""
 
-    relax: Literal["direct", "neural"] = "direct"  # the relaxed model: `solver.relax`, `solver.neural.relax`
-    articulate: Literal["direct", "paper"] = "direct"  # the tree: `solver.articulate`, `solver.neural.articulate`
+    relax: Literal["direct", "neural"] = "direct"  # the relaxed model: `search.relax`, `methods.paper.relax`
+    articulate: Literal["direct", "paper"] = "direct"  # the tree: `search.articulate`, `methods.paper.method`
     working_points: Count = 5000  # points a frame that take part in the fit; all are labelled
     canonical_tries: Count = 4  # frames from which the model is fitted, at most; the lowest energy wins
     canonical_work: Count = 82_000  # ... and two at least, but no more than make this many points to register in all
@@ -237,6 +237,11 @@ class FitConfig(Settings):
     project: ProjectConfig = field(default_factory=ProjectConfig)
     neural: NeuralConfig = field(default_factory=NeuralConfig)
     deviation: DeviationConfig = field(default_factory=DeviationConfig)
+
+    @property
+    def uses_paper(self) -> bool:
+        """Whether a half of the fit is the paper's, which wants the observed flow and PyTorch."""
+        return self.relax != "direct" or self.articulate != "direct"
 
 
 PRESETS = {

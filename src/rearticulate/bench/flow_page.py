@@ -18,9 +18,9 @@ from rearticulate.bench.variants import VARIANTS
 from rearticulate.config import PRESETS, TrackConfig
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
-from rearticulate.solver.flow import SceneFlow
-from rearticulate.solver.frames import make_frames
-from rearticulate.solver.track import track
+from rearticulate.observe.flow import SceneFlow
+from rearticulate.observe.frames import make_frames
+from rearticulate.parts.patches import track
 from rearticulate.synth.perturb import stepped_pair
 
 Array = NDArray[np.floating]
@@ -54,7 +54,7 @@ def patch_tracking(config: TrackConfig, a: Array, b: Array) -> SceneFlow:
 
 def network_matches(refined: bool, a: Array, b: Array) -> SceneFlow:
     """Matches of the shipped network, as they are or refined."""
-    from rearticulate.solver.neural.observe import observed_flow
+    from rearticulate.methods.paper.scene_flow import observed_flow
 
     frames, config = make_frames([a, b]), PRESETS["paper"]
     flow = observed_flow(frames, replace(config, neural=replace(config.neural, refined=refined)))[0]

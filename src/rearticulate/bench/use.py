@@ -23,12 +23,12 @@ from rearticulate.export.robot import ExportConfig, Robot
 from rearticulate.export.write import FORMATS, export
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import inverse, transform
-from rearticulate.pose.retarget import retarget
-from rearticulate.pose.track import track
+from rearticulate.localization.localize import track
 from rearticulate.records import Array, FitResult, GroundTruth, KinematicModel, PointSequence
 from rearticulate.render.clip import film, write_clip
 from rearticulate.render.panels import PANELS, Story, novel_posture
 from rearticulate.render.viewpoint import best_view
+from rearticulate.retargeting.retarget import retarget
 
 mujoco: Any = import_module("mujoco")  # these two have no types
 usd, usd_validation = (import_module(f"pxr.{name}") for name in ("Usd", "UsdValidation"))

@@ -17,9 +17,9 @@ from rearticulate.io.palette import part_colors
 from rearticulate.io.ply import write_cloud
 from rearticulate.io.posture import named_values, save_posture
 from rearticulate.io.sequence import load_scans
-from rearticulate.pose.track import Tracked, followed, track
+from rearticulate.localization.localize import Tracked, followed, track
+from rearticulate.observe.frames import point_spacing
 from rearticulate.records import FitResult, PointSequence
-from rearticulate.solver.frames import point_spacing
 
 STRANGE = 3.0  # mean distance of a scan from the model, in point spacings of the recording, that no noise explains
 

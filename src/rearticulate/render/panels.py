@@ -13,8 +13,8 @@ from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
 from rearticulate.geometry.thin import thinned
 from rearticulate.io.palette import part_colors
-from rearticulate.pose.blend import between_frames, blend
-from rearticulate.pose.fuse import fuse
+from rearticulate.posing.blend import between_frames, blend
+from rearticulate.posing.fuse import fuse
 from rearticulate.records import Array, FitResult, IntArray, KinematicModel, PointSequence, Posture
 from rearticulate.render.axes import axis_segments
 from rearticulate.render.camera import Camera, View

@@ -11,7 +11,7 @@ from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import quat_wxyz, transform
 from rearticulate.geometry.thin import thinned
 from rearticulate.io.palette import part_colors
-from rearticulate.pose.fuse import fuse
+from rearticulate.posing.fuse import fuse
 from rearticulate.records import Array, FitResult, IntArray, PointSequence, Posture
 from rearticulate.render.axes import axis_segments
 from rearticulate.report.summary import joint_range

@@ -14,7 +14,7 @@ import numpy as np
 import viser
 from PIL import Image
 
-from rearticulate.pose.blend import between_frames
+from rearticulate.posing.blend import between_frames
 from rearticulate.records import Posture
 from rearticulate.render.panels import novel_posture
 from rearticulate.view import words

@@ -9,8 +9,8 @@ import numpy as np
 import viser
 
 from rearticulate.geometry.se3 import transform
-from rearticulate.pose.retarget import retarget
 from rearticulate.records import Array, Posture
+from rearticulate.retargeting.retarget import retarget
 from rearticulate.view.actor import Actor
 
 Moved = Callable[[], None]
