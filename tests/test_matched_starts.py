@@ -10,8 +10,8 @@ from rearticulate.config import TrackConfig
 from rearticulate.geometry.kabsch import robust_kabsch
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.observe.frames import make_frames
-from rearticulate.parts.matched_starts import Guesses
-from rearticulate.parts.patches import make_patches, track
+from rearticulate.parts.matched_starts import MatchedStarts
+from rearticulate.parts.patches import make_patches, track_patches
 from rearticulate.synth.articulated import record
 from rearticulate.synth.objects import arm
 
@@ -31,7 +31,7 @@ def test_motions_of_groups_are_found_among_outliers():
     assert error.max() < 1.0
 
 
-def test_guessed_poses_follow_a_large_step():
+def test_matched_poses_follow_a_large_step():
     """An arm whose joints turn by 25 degrees: nearer to the truth than where it was."""
     sequence, truth = record(arm(), frames=2, points=2000, step_deg=25, start="middle", seed=4)
     frames = make_frames(sequence.points)
@@ -40,10 +40,10 @@ def test_guessed_poses_follow_a_large_step():
     motion = in_spacings(frames, truth.poses, 0)[1]
     labels = truth.labels[0][frames.order[rows]]
     target = transform(motion[labels], patches.points)
-    guesses = Guesses(frames)
-    assert guesses.possible(0, 1)
+    matched = MatchedStarts(frames)
+    assert matched.possible(0, 1)
     still = np.tile(np.eye(4), (patches.count, 1, 1))
-    T = guesses.poses(still, patches.points[patches.member], patches.patch, 0, 1)
+    T = matched.poses(still, patches.points[patches.member], patches.patch, 0, 1)
     error = np.linalg.norm(transform(T[patches.owner], patches.points) - target, axis=1)
     before = np.linalg.norm(patches.points - target, axis=1)
     assert np.quantile(error, 0.9) < 0.5 * np.quantile(before, 0.9)
@@ -54,25 +54,25 @@ def test_another_start_must_fit_better_by_a_margin():
     """Frames too far apart for tracking from rest: another start fits better, but not by any margin."""
     sequence, _ = record(arm(), frames=3, points=2000, step_deg=50, start="middle", seed=0)
     frames = make_frames(sequence.points)
-    never = track(frames, 0, TrackConfig(bad_cost=1e9, unusual=1e9))
-    unreachable = track(frames, 0, TrackConfig(bad_cost=0.0, gain=1e9))
-    taken = track(frames, 0, TrackConfig(bad_cost=0.0))
+    never = track_patches(frames, 0, TrackConfig(bad_cost=1e9, unusual=1e9))
+    unreachable = track_patches(frames, 0, TrackConfig(bad_cost=0.0, gain=1e9))
+    taken = track_patches(frames, 0, TrackConfig(bad_cost=0.0))
     np.testing.assert_array_equal(unreachable.T, never.T)
     assert np.abs(taken.T - never.T).max() > 1.0
 
 
 def test_sparse_frames_are_not_asked():
     clouds = [np.random.default_rng(f).normal(size=(150 + 100 * f, 3)) for f in range(2)]
-    guesses = Guesses(make_frames(clouds))
-    assert guesses.possible(1)
-    assert not guesses.possible(0, 1)
+    matched = MatchedStarts(make_frames(clouds))
+    assert matched.possible(1)
+    assert not matched.possible(0, 1)
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_flow_leads_from_points_of_one_frame_to_points_of_the_other(seed):
     sequence, _ = record(arm(), frames=2, points=600, seed=seed)
     frames = make_frames(sequence.points)
-    flow = Guesses(frames).flow(0, 1)
+    flow = MatchedStarts(frames).flow(0, 1)
     b = frames.points[frames.rows(1)]
     end = flow.anchors + flow.vectors
     assert np.abs(end[:, None] - b[None]).sum(axis=-1).min(axis=1).max() < 1e-9

@@ -20,7 +20,7 @@ from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
 from rearticulate.observe.flow import SceneFlow
 from rearticulate.observe.frames import make_frames
-from rearticulate.parts.patches import track
+from rearticulate.parts.patches import track_patches
 from rearticulate.synth.perturb import stepped_pair
 
 Array = NDArray[np.floating]
@@ -46,7 +46,7 @@ def spatial_neighbours(a: Array, b: Array) -> SceneFlow:
 def patch_tracking(config: TrackConfig, a: Array, b: Array) -> SceneFlow:
     """The direct solver's tracking from the first cloud to the second."""
     frames = make_frames([a, b])
-    tracks = track(frames, 0, config)
+    tracks = track_patches(frames, 0, config)
     x = frames.points[frames.rows(0)]
     moved = transform(tracks.T[1, tracks.patches.owner], x)
     return SceneFlow(x * frames.unit + frames.centre, (moved - x) * frames.unit)

@@ -26,7 +26,7 @@ from rearticulate.geometry.se3 import inverse, transform
 from rearticulate.localization.localize import track
 from rearticulate.records import Array, FitResult, GroundTruth, KinematicModel, PointSequence
 from rearticulate.render.clip import film, write_clip
-from rearticulate.render.panels import PANELS, Story, novel_posture
+from rearticulate.render.panels import PANELS, PanelData, novel_posture
 from rearticulate.render.viewpoint import best_view
 from rearticulate.retargeting.retarget import retarget
 
@@ -201,6 +201,7 @@ def clip(result: FitResult, sequence: PointSequence, folder: Path) -> dict[str, 
     started = time.perf_counter()
     view = best_view(result, sequence)
     write_clip(
-        folder / "clip.gif", film(Story(result, sequence, novel_posture(result.model), view, (300, 300)), list(PANELS))
+        folder / "clip.gif",
+        film(PanelData(result, sequence, novel_posture(result.model), view, (300, 300)), list(PANELS)),
     )
     return {"render_s": time.perf_counter() - started}

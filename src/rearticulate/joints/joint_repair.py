@@ -1,7 +1,7 @@
 """Lost frames, repaired in joint space: a branch of the tree is started again from other joint values.
 
 Each branch of the root is tried with the values of the frame before, extrapolated, interpolated and its own; a part
-that fits badly is swung through a grid of its joint (one dimension, so the search is exhaustive), root to leaf.
+that fits badly is swept through a grid of its joint (one dimension, so the search is exhaustive), root to leaf.
 """
 
 from __future__ import annotations
@@ -177,8 +177,8 @@ class JointRepairer:
         q[branch.parts] = values[branch.parts]
         return q
 
-    def swing(self, f: int, usual: Array) -> int:
-        """Root to leaf: swing a part that fits worse than usual through all values of its joint."""
+    def sweep(self, f: int, usual: Array) -> int:
+        """Root to leaf: sweep a part that fits worse than usual through all values of its joint."""
         changed = 0
         for j in range(1, self.model.n_parts):
             branch = self.branch(j)
@@ -223,11 +223,11 @@ def repair_joints(
     rng: np.random.Generator,
     told: Told = untold,
 ) -> tuple[Articulated, int]:
-    """Restart branches and swing badly fitting parts in every frame, from the canonical frame outwards."""
+    """Restart branches and sweep badly fitting parts in every frame, from the canonical frame outwards."""
     repairer = JointRepairer(frames, canonical, model, labels, config, rng)
     usual, changed = repairer.usual_cost(), 0
     for done, (f, before) in enumerate(outwards(canonical, frames.n_frames), start=1):
         changed += repairer.restart_branches(f, before)
-        changed += repairer.swing(f, usual)
+        changed += repairer.sweep(f, usual)
         told(done / (frames.n_frames - 1))
     return replace(model, q=repairer.q), changed

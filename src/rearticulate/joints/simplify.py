@@ -1,4 +1,4 @@
-"""Joints that the data do not need: two parts are welded when the other joints make up for the one between them.
+"""Joints that the data do not need are fixed: two parts become one where the other joints make up for theirs.
 
 Fragments of a limb whose first motions were inexact end as links of their own. Whether the tree can do without a
 joint is told cheaply by fitting the smaller tree to the poses of the larger one; the energy decides.
@@ -23,11 +23,11 @@ from rearticulate.progress import Told, steps, untold
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
-TRIES = 3  # welds that are put to the test of the energy
+TRIES = 3  # fixed joints that fail the test of the energy in one round
 WIDE = 10.0  # robust scale of the misfit: none
 
 
-def weld(tree: Articulated, j: int, k: int) -> tuple[Articulated, IntArray]:
+def fix_joint(tree: Articulated, j: int, k: int) -> tuple[Articulated, IntArray]:
     """The tree with parts j and k made one, and the new number (P,) of every part.
 
     One of them is the other's parent, or both hang on the same part.
@@ -62,7 +62,7 @@ class Poses:
 
 
 @dataclass(frozen=True)
-class Weld:
+class FixedJoint:
     """Part j made one with part k: the smaller tree, the number (P,) every part has in it, and its misfit.
 
     The misfit to the poses of the larger tree is a root mean square, in spacings, over the points of the smaller part.
@@ -81,29 +81,29 @@ def poses_of(frames: Frames, canonical: int, tree: Articulated, labels: IntArray
     return Poses(T, H)
 
 
-def try_weld(canonical: int, tree: Articulated, poses: Poses, j: int, k: int) -> Weld:
+def try_fixing(canonical: int, tree: Articulated, poses: Poses, j: int, k: int) -> FixedJoint:
     """The tree without the joint between j and k, with the others adjusted to make up for it."""
-    smaller, number = weld(tree, j, k)
+    smaller, number = fix_joint(tree, j, k)
     smaller, misfit = adjust_to_poses(smaller, canonical, number, poses.T, poses.H, sigma=WIDE)
     points = points_behind(poses.H)
     few = min(points[:, j].sum(), points[:, k].sum())
-    return Weld(j, k, smaller, number, float(np.sqrt((misfit * points).sum() / (few + 1e-9))))
+    return FixedJoint(j, k, smaller, number, float(np.sqrt((misfit * points).sum() / (few + 1e-9))))
 
 
-def possible_welds(
+def possible_fixes(
     frames: Frames, canonical: int, tree: Articulated, labels: IntArray, poses: Poses, told: Told = untold
-) -> list[Weld]:
+) -> list[FixedJoint]:
     """One for every joint, least misfit first: a part joins its parent, or a part that touches it and hangs on the same
     parent."""
     rows = frames.rows(canonical)
     touching = adjacent_labels(frames.points[rows], labels[rows])
     pairs = [(j, int(tree.parent[j])) for j in range(1, tree.n_parts)]
     pairs += [(b, a) for a, b in sorted(touching) if a > 0 and tree.parent[a] == tree.parent[b]]
-    welds = []
+    fixes = []
     for j, k in pairs:
-        welds.append(try_weld(canonical, tree, poses, j, k))
-        told(len(welds) / len(pairs))
-    return sorted(welds, key=lambda w: w.misfit)
+        fixes.append(try_fixing(canonical, tree, poses, j, k))
+        told(len(fixes) / len(pairs))
+    return sorted(fixes, key=lambda fix: fix.misfit)
 
 
 def simplify(
@@ -114,7 +114,7 @@ def simplify(
     config: ProjectConfig,
     told: Told = untold,
 ) -> tuple[Articulated, IntArray, float]:
-    """Weld joints, the least needed first, while the energy does not rise. Returns tree, labels (M,) and energy."""
+    """Fix joints, the least needed first, while the energy does not rise. Returns tree, labels (M,) and energy."""
     value = energy(frames, tree.forward(), labels)
     poses = poses_of(frames, canonical, tree, labels)
     before = tree.n_parts + 1
@@ -122,14 +122,14 @@ def simplify(
         if not 1 < tree.n_parts < before:
             break
         before = tree.n_parts
-        welds = possible_welds(frames, canonical, tree, labels, poses, each_round)
-        likely = [w for w in welds if w.misfit < config.weld]
-        now, failures = np.arange(tree.n_parts), 0  # now: the number of each part after the welds of this round
+        fixes = possible_fixes(frames, canonical, tree, labels, poses, each_round)
+        likely = [fix for fix in fixes if fix.misfit < config.weld]
+        now, failures = np.arange(tree.n_parts), 0  # now: the number of each part after what was fixed in this round
         for found in likely:
             j, k = int(now[found.j]), int(now[found.k])
             if j == k:
                 continue
-            option = found if tree.n_parts == before else try_weld(canonical, tree, poses, j, k)
+            option = found if tree.n_parts == before else try_fixing(canonical, tree, poses, j, k)
             if option.misfit >= config.weld:
                 continue
             merged = option.number[labels]

@@ -22,7 +22,7 @@ from rearticulate.localization.beam_search import Target, Tree, beam_search, sam
 from rearticulate.localization.descent import pair_weights, stepped
 from rearticulate.observe.frames import Frames, make_frames
 from rearticulate.observe.register import match, normal_equations
-from rearticulate.parts.matched_starts import Guesses
+from rearticulate.parts.matched_starts import MatchedStarts
 from rearticulate.posing.fuse import fuse
 from rearticulate.posing.single import SingleValued, single_valued
 from rearticulate.records import FitResult, KinematicModel, Motion, PointSequence, Posture
@@ -41,7 +41,7 @@ CAP = 3.0  # spacings; a point that is farther off counts as this far
 
 
 @dataclass(frozen=True)
-class Tracked:
+class Localization:
     """motion: q (F, D), T_world_root (F, 4, 4). labels: one (N_f,) array a scan. residual: (F,) mean distance of each
     scan's points to the model, m."""
 
@@ -55,7 +55,7 @@ def track(
     recorded: PointSequence,
     scans: PointSequence,
     progress: Callable[[float], None] = lambda share: None,
-) -> Tracked:
+) -> Localization:
     """Postures of new scans of the object of a result. recorded: the sequence it was fitted to.
 
     Raises InputError on a scan with fewer than 50 points.
@@ -78,10 +78,10 @@ def track(
         residual.append(float(distance.mean()))
         progress((f + 1) / len(scans))
     motion = Motion(np.array([single.back(row) for row in q]), np.array(roots))
-    return Tracked(motion, tuple(found), np.array(residual))
+    return Localization(motion, tuple(found), np.array(residual))
 
 
-def followed(result: FitResult, scans: PointSequence, found: Tracked) -> tuple[FitResult, PointSequence]:
+def followed(result: FitResult, scans: PointSequence, found: Localization) -> tuple[FitResult, PointSequence]:
     """A result and its sequence for all that shows or writes one: frame 0 is the canonical frame, then come the scans.
 
     The observed ranges grow by what the scans show.
@@ -184,10 +184,10 @@ class Scan:
 
     def led_by_network(self) -> list[Posture]:
         """Where the matches of the correspondence network lead, if both clouds have enough points for it."""
-        guesses = Guesses(self.frames)
-        if not guesses.possible(0, 1):
+        matched = MatchedStarts(self.frames)
+        if not matched.possible(0, 1):
             return []
-        flow = guesses.flow(0, 1)
+        flow = matched.flow(0, 1)
         rows = np.random.default_rng(0).permutation(len(flow.anchors))[:MATCHES]
         unit, centre = self.frames.unit, self.frames.centre
         source, vector = flow.anchors[rows] * unit + centre, flow.vectors[rows] * unit

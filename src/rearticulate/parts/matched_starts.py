@@ -1,4 +1,4 @@
-"""Where patches go between two frames that lie far apart, guessed from the correspondences of the network."""
+"""Where patches go between two frames that lie far apart, proposed by the correspondences of the network."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ANCHORS = 8  # matches that a point's motion is interpolated from
 OUTLIER = 6.0  # spacings; robust scale of a point against the rigid motion of its patch
 
 
-class Guesses:
+class MatchedStarts:
     """The network's features of every frame, made when they are asked for."""
 
     def __init__(self, frames: Frames) -> None:

@@ -22,7 +22,7 @@ from rearticulate.geometry.robust import geman_mcclure
 from rearticulate.geometry.se3 import exp_se3, inverse, rotate, transform
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.register import match, normal_equations
-from rearticulate.parts.matched_starts import Guesses
+from rearticulate.parts.matched_starts import MatchedStarts
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -215,7 +215,7 @@ def _two_sided_cost(frames: Frames, patches: Patches, T: Array, f: int) -> float
     return float(np.minimum(there, 4).mean() + np.minimum(back, 4).mean())
 
 
-def _register_with_rescue(frames, patches, f, starts, edge_weight, usual_cost, config) -> tuple[Array, Array, float]:
+def _register_from_starts(frames, patches, f, starts, edge_weight, usual_cost, config) -> tuple[Array, Array, float]:
     """Start from starts[0]; when the result is unusually bad, also from the others and with twice the capture range.
 
     starts: functions that make them, for the later ones take time.
@@ -232,7 +232,7 @@ def _register_with_rescue(frames, patches, f, starts, edge_weight, usual_cost, c
     return T, gap, cost
 
 
-def track(frames: Frames, canonical: int, config: TrackConfig, progress=lambda fraction: None) -> Tracks:
+def track_patches(frames: Frames, canonical: int, config: TrackConfig, progress=lambda fraction: None) -> Tracks:
     """Follow the canonical frame's patches forwards and backwards through the sequence."""
     rows = frames.rows(canonical)
     patches = make_patches(frames.points[rows], frames.normals[rows], config)
@@ -240,7 +240,7 @@ def track(frames: Frames, canonical: int, config: TrackConfig, progress=lambda f
     T = np.tile(np.eye(4), (F, K, 1, 1))
     gaps = np.zeros((F, len(patches.edge_i)))
     costs: list[float] = []
-    guesses = Guesses(frames)
+    matched = MatchedStarts(frames)
     first_step = None
     for direction in (1, -1):
         previous = T[canonical]
@@ -249,12 +249,12 @@ def track(frames: Frames, canonical: int, config: TrackConfig, progress=lambda f
             starts: list[Callable[[], Array]] = [lambda T=previous: T]
             if velocity is not None:
                 starts.insert(0, lambda T=velocity @ previous: T)
-            if config.network and guesses.possible(f - direction, f):
+            if config.network and matched.possible(f - direction, f):
                 points, patch = patches.points[patches.member], patches.patch
-                starts.append(partial(guesses.poses, previous, points, patch, f - direction, f))
+                starts.append(partial(matched.poses, previous, points, patch, f - direction, f))
             torn = geman_mcclure(gaps.max(axis=0), config.tear_memory) + 0.01
             usual = float(np.median(costs)) if costs and velocity is not None else np.inf
-            T[f], gaps[f], cost = _register_with_rescue(frames, patches, f, starts, torn, usual, config)
+            T[f], gaps[f], cost = _register_from_starts(frames, patches, f, starts, torn, usual, config)
             costs.append(cost)
             velocity = T[f] @ inverse(previous)
             first_step = velocity if first_step is None else first_step

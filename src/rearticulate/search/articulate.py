@@ -28,10 +28,10 @@ from rearticulate.progress import Told, steps, untold
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
-LOOKS = 3
+HYPOTHESES = 3  # of the structure, at most
 FIRST_ROUNDS, MORE_ROUNDS = 2, 2  # of labels and motions, at most: from every start, and from the better one
 SETTLED = 0.015  # share of points that change their label in the last round
-WORTH = 2e-3  # a look that lowers the energy by less is the last
+WORTH = 2e-3  # a hypothesis that lowers the energy by less is the last
 
 
 def articulate(
@@ -43,19 +43,19 @@ def articulate(
     rng: np.random.Generator,
     progress: Callable[[str, float], None],
 ) -> tuple[Articulated, IntArray]:
-    """Tree, bundle adjustment, labels and repairs in turn; then a new look at the structure, as long as that finds
-    another one and lowers the energy. The look with the lowest energy is kept. Where more parts were found than can be
-    worked with, the first look is the last: there is no structure to be found.
+    """Tree, bundle adjustment, labels and repairs in turn; then a new hypothesis of the structure, as long as that is
+    another one and lowers the energy. The one with the lowest energy is kept. Where more parts were found than can be
+    worked with, the first is the last: there is no structure to be found.
 
     Returns the model and the labels (M,) of all points.
     """
     labeller = labeller.with_noise(surface_noise(frames, canonical, relaxed.T, relaxed.labels))
-    first, *looks, last = steps(lambda done: progress("articulate", done), LOOKS + 2)
+    first, *tries, last = steps(lambda done: progress("articulate", done), HYPOTHESES + 2)
     model = merge_resting(frames, canonical, relaxed, config.project)
     start = project(frames, canonical, model, config.project, rng, first)
     best, lowest = None, np.inf
-    for look in looks if relaxed.found <= config.max_parts else looks[:1]:
-        structure, motion = steps(look, 2)
+    for one_try in tries if relaxed.found <= config.max_parts else tries[:1]:
+        structure, motion = steps(one_try, 2)
         if best is not None:
             start = restructure(frames, canonical, best.tree, best.labels, relaxed, config, rng, structure)
             if same_structure(start, best):
@@ -79,7 +79,7 @@ def articulate(
 
 
 @dataclass(frozen=True)
-class Look:
+class Hypothesis:
     """One structure with its motions and the labels (M,) of all points; belief (M, P) of the last labels."""
 
     tree: Articulated
@@ -90,17 +90,17 @@ class Look:
         return energy(frames, self.tree.forward(), self.labels)
 
 
-def same_structure(start: Projection, look: Look) -> bool:
-    """Is this the look's tree again, part by part (those that share most points) and joint by joint?"""
-    tree, P = start.tree, look.tree.n_parts
+def same_structure(start: Projection, hypothesis: Hypothesis) -> bool:
+    """Is this the tree of the hypothesis again, part by part (those that share most points) and joint by joint?"""
+    tree, P = start.tree, hypothesis.tree.n_parts
     if len(start.hidden) or tree.n_parts != P:
         return False
-    match = np.bincount(start.starts[0] * P + look.labels, minlength=P * P).reshape(P, P).argmax(axis=1)
+    match = np.bincount(start.starts[0] * P + hypothesis.labels, minlength=P * P).reshape(P, P).argmax(axis=1)
     return (
         len(np.unique(match)) == P
         and match[0] == 0
-        and np.array_equal(match[tree.parent[1:]], look.tree.parent[match[1:]])
-        and np.array_equal(tree.revolute, look.tree.revolute[match])
+        and np.array_equal(match[tree.parent[1:]], hypothesis.tree.parent[match[1:]])
+        and np.array_equal(tree.revolute, hypothesis.tree.revolute[match])
     )
 
 
@@ -112,58 +112,62 @@ def adjust(
     config: FitConfig,
     rng: np.random.Generator,
     told: Told = untold,
-) -> tuple[Look, float]:
+) -> tuple[Hypothesis, float]:
     """Motions and labels in turn under a given structure, from the better of its starts; frames that were lost are
-    repaired in joint space, and joints that nothing needs go. Returns the look and its energy."""
-    looks, step = [], steps(told, 2 * len(start.starts) + 4)
+    repaired in joint space, and joints that nothing needs go. Returns the hypothesis and its energy."""
+    hypotheses, step = [], steps(told, 2 * len(start.starts) + 4)
     for labels in start.starts:
         tree = bundle_adjust(frames, canonical, start.tree, labels, (SIGMA_WIDE, SIGMA), told=next(step))
-        looks.append(alternate(frames, canonical, Look(tree, labels), labeller, config, FIRST_ROUNDS, next(step)))
-    look = looks[0] if len(looks) == 1 else best_of_both(frames, looks, start.hidden)
-    look = alternate(frames, canonical, look, labeller, config, MORE_ROUNDS, next(step))
-    tree, _ = repair_joints(frames, canonical, look.tree, look.labels, config.repair, rng, next(step))
-    tree = bundle_adjust(frames, canonical, tree, look.labels, (SIGMA,), told=next(step))
-    tree, labels, value = simplify(frames, canonical, tree, look.labels, config.project, next(step))
-    return Look(tree, labels), value
+        hypotheses.append(
+            alternate(frames, canonical, Hypothesis(tree, labels), labeller, config, FIRST_ROUNDS, next(step))
+        )
+    hypothesis = hypotheses[0] if len(hypotheses) == 1 else best_of_both(frames, hypotheses, start.hidden)
+    hypothesis = alternate(frames, canonical, hypothesis, labeller, config, MORE_ROUNDS, next(step))
+    tree, _ = repair_joints(frames, canonical, hypothesis.tree, hypothesis.labels, config.repair, rng, next(step))
+    tree = bundle_adjust(frames, canonical, tree, hypothesis.labels, (SIGMA,), told=next(step))
+    tree, labels, value = simplify(frames, canonical, tree, hypothesis.labels, config.project, next(step))
+    return Hypothesis(tree, labels), value
 
 
-def best_of_both(frames: Frames, looks: list[Look], hidden: IntArray) -> Look:
-    """The look with the lowest energy, in which every hidden link and what hangs on it come from the look that explains
-    their points best."""
-    best = min(looks, key=lambda k: k.energy(frames))
-    poses = [k.tree.forward() for k in looks]
+def best_of_both(frames: Frames, hypotheses: list[Hypothesis], hidden: IntArray) -> Hypothesis:
+    """The hypothesis with the lowest energy, in which every hidden link and what hangs on it come from the one that
+    explains their points best."""
+    best = min(hypotheses, key=lambda k: k.energy(frames))
+    poses = [k.tree.forward() for k in hypotheses]
     twist, q, labels = best.tree.twist.copy(), best.tree.q.copy(), best.labels.copy()
     for v in hidden:
         links = np.append(v, np.flatnonzero(best.tree.parent == v))
-        rows = np.flatnonzero(np.any([np.isin(k.labels, links) for k in looks], axis=0))
+        rows = np.flatnonzero(np.any([np.isin(k.labels, links) for k in hypotheses], axis=0))
         if len(rows) == 0:
             continue
-        misfit = [point_misfit(frames, T, k.labels[rows], rows).mean() for k, T in zip(looks, poses, strict=True)]
-        chosen = looks[int(np.argmin(misfit))]
+        misfit = [point_misfit(frames, T, k.labels[rows], rows).mean() for k, T in zip(hypotheses, poses, strict=True)]
+        chosen = hypotheses[int(np.argmin(misfit))]
         twist[links], q[:, links] = chosen.tree.twist[links], chosen.tree.q[:, links]
         labels[rows] = chosen.labels[rows]
-    return Look(replace(best.tree, twist=twist, q=q), labels)
+    return Hypothesis(replace(best.tree, twist=twist, q=q), labels)
 
 
 def alternate(
     frames: Frames,
     canonical: int,
-    look: Look,
+    hypothesis: Hypothesis,
     labeller: Labeller,
     config: FitConfig,
     rounds: int,
     told: Told = untold,
-) -> Look:
+) -> Hypothesis:
     """Labels and motions in turn, until few labels change."""
     for each_round in steps(told, rounds):
         label, adjustment = steps(each_round, 2)
-        parts, belief = labeller.fine(Relaxed(look.tree.forward(), look.labels), look.belief, label)
-        changed = np.mean(parts.labels != look.labels)
-        labels = cut_seams(frames, look.tree, parts.labels, labeller.config, config.seam, only_empty=True)
-        look = Look(bundle_adjust(frames, canonical, look.tree, labels, (SIGMA,), told=adjustment), labels, belief)
+        parts, belief = labeller.fine(Relaxed(hypothesis.tree.forward(), hypothesis.labels), hypothesis.belief, label)
+        changed = np.mean(parts.labels != hypothesis.labels)
+        labels = cut_seams(frames, hypothesis.tree, parts.labels, labeller.config, config.seam, only_empty=True)
+        hypothesis = Hypothesis(
+            bundle_adjust(frames, canonical, hypothesis.tree, labels, (SIGMA,), told=adjustment), labels, belief
+        )
         if changed < SETTLED:
             break
-    return look
+    return hypothesis
 
 
 def restructure(
@@ -176,7 +180,7 @@ def restructure(
     rng: np.random.Generator,
     told: Told = untold,
 ) -> Projection:
-    """A second look with accurate motions: links without points go, parts move freely again, the tree is built anew."""
+    """A new hypothesis from accurate motions: links without points go, parts move freely, the tree is built anew."""
     model = drop_small(frames, Relaxed(tree.forward(), labels), config.label.minimum_support)
     model = largest_parts(frames, model, config.max_parts)
     rows = frames.rows(canonical)

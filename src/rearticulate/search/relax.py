@@ -14,7 +14,7 @@ from rearticulate.observe.fused import surface_noise
 from rearticulate.observe.register import Schedule
 from rearticulate.parts.cluster import cluster
 from rearticulate.parts.labels import Labeller
-from rearticulate.parts.patches import track
+from rearticulate.parts.patches import track_patches
 from rearticulate.parts.relaxed import (
     Relaxed,
     drop_small,
@@ -44,7 +44,7 @@ def relax(
     progress: Callable[[str, float], None],
 ) -> Relaxed:
     """Track, over-segment, merge by trial, repair, label; twice coarsely and twice by sheets, all before any tree."""
-    tracks = track(frames, canonical, config.track, lambda done: progress("track", done))
+    tracks = track_patches(frames, canonical, config.track, lambda done: progress("track", done))
     labels, T = cluster(tracks, config.cluster)
     model = Relaxed(T, spread_labels(frames, canonical, T, labels))
     step = steps(lambda done: progress("segment", done), 12)

@@ -12,24 +12,24 @@ from rearticulate.config import FitConfig, TrackConfig
 from rearticulate.geometry.se3 import transform
 from rearticulate.observe.flow import SceneFlow
 from rearticulate.observe.frames import Frames
-from rearticulate.parts.matched_starts import Guesses
+from rearticulate.parts.matched_starts import MatchedStarts
 from rearticulate.parts.patches import make_patches, register_patches
 from rearticulate.progress import Told, untold
 
 
 def observed_flow(frames: Frames, config: FitConfig, told: Told = untold) -> tuple[SceneFlow, ...]:
     """One record a pair of successive frames."""
-    guesses, found = Guesses(frames), []
+    matched, found = MatchedStarts(frames), []
     for f in range(frames.n_frames - 1):
         if config.neural.refined:
-            found.append(registered_flow(frames, guesses, f, config.track))
+            found.append(registered_flow(frames, matched, f, config.track))
         else:
-            found.append(guesses.flow(f, f + 1, config.neural.ratio))
+            found.append(matched.flow(f, f + 1, config.neural.ratio))
         told((f + 1) / (frames.n_frames - 1))
     return tuple(found)
 
 
-def registered_flow(frames: Frames, guesses: Guesses, f: int, config: TrackConfig) -> SceneFlow:
+def registered_flow(frames: Frames, matched: MatchedStarts, f: int, config: TrackConfig) -> SceneFlow:
     """Flow of all points of a frame, by patches that are registered to the next frame from where matches lead them.
 
     From rest where a frame has too few points for the network.
@@ -37,7 +37,7 @@ def registered_flow(frames: Frames, guesses: Guesses, f: int, config: TrackConfi
     rows = frames.rows(f)
     patches = make_patches(frames.points[rows], frames.normals[rows], config)
     start = np.tile(np.eye(4), (patches.count, 1, 1))
-    if guesses.possible(f, f + 1):
-        start = guesses.poses(start, patches.points[patches.member], patches.patch, f, f + 1)
+    if matched.possible(f, f + 1):
+        start = matched.poses(start, patches.points[patches.member], patches.patch, f, f + 1)
     T, _ = register_patches(frames, patches, f + 1, start, np.ones(len(patches.edge_i)), config)
     return SceneFlow(patches.points, transform(T[patches.owner], patches.points) - patches.points)

@@ -1,4 +1,4 @@
-"""One object on the stage: its parts, axes and measured points as nodes of the scene, and the posture they show."""
+"""One model in the viewer: its parts, axes and measured points as nodes of the scene, and the posture they show."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ GHOST = (120, 128, 138)
 INK = (29, 39, 51)
 
 
-class Actor:
+class PosedModel:
     """A result and what of it is shown. offset (3,): where it stands, m. Coordinates of points are the result's own."""
 
     def __init__(
@@ -51,7 +51,7 @@ class Actor:
         rows = thinned(len(points), BUDGET)
         return points[rows], labels[rows]
 
-    def posed(self) -> tuple[Array, IntArray]:
+    def shown_points(self) -> tuple[Array, IntArray]:
         """Points as they are shown, and their parts."""
         points, labels = self.cloud
         return transform(self.T_world_part[labels], points), labels
@@ -149,14 +149,14 @@ class Actor:
         return nodes
 
 
-def on_ray(actor: Actor, origin: Array, direction: Array) -> tuple[float, int] | None:
-    """The foremost shown point of an actor that a ray of the stage (3,), (3,) meets: how far along it, and the row of
-    the point in `actor.cloud`; None where it passes by."""
-    points, labels = actor.posed()
-    shown = np.array(actor.shown_parts())[labels]
-    along = (points + actor.offset - origin) @ direction
-    beside = np.linalg.norm(points + actor.offset - origin - along[:, None] * direction, axis=1)
-    hit = np.flatnonzero(shown & (along > 0) & (beside < 0.012 * actor.size))
+def on_ray(posed: PosedModel, origin: Array, direction: Array) -> tuple[float, int] | None:
+    """The foremost shown point of a model that a ray of the scene (3,), (3,) meets: how far along it, and the row of
+    the point in `posed.cloud`; None where it passes by."""
+    points, labels = posed.shown_points()
+    shown = np.array(posed.shown_parts())[labels]
+    along = (points + posed.offset - origin) @ direction
+    beside = np.linalg.norm(points + posed.offset - origin - along[:, None] * direction, axis=1)
+    hit = np.flatnonzero(shown & (along > 0) & (beside < 0.012 * posed.size))
     if not len(hit):
         return None
     row = int(hit[along[hit].argmin()])
