@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from oracle import in_spacings, read_pair
-from rearticulate.config import DeviationConfig, ProjectConfig
+from rearticulate.config import DeviationConfig
 from rearticulate.evaluation.tree_distance import tree_edit_distance
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.joints.deviation import centred, merge_still, project_deviation
@@ -31,7 +31,7 @@ def true_model(sequence, truth, canonical=2, shuffle=None):
 
 
 def project_all(frames, model, canonical=2):
-    root = choose_root(frames, canonical, model, ProjectConfig())
+    root = choose_root(frames, canonical, model)
     projection, cost = project_deviation(frames, canonical, model, CONFIG, root)
     return projection.tree, projection.starts[0], cost
 

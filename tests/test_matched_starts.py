@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from oracle import in_spacings
-from rearticulate.config import TrackConfig
+from rearticulate.config import FitConfig
 from rearticulate.geometry.kabsch import robust_kabsch
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.observe.frames import make_frames
+from rearticulate.parts import patches
 from rearticulate.parts.matched_starts import MatchedStarts
 from rearticulate.parts.patches import make_patches, track_patches
 from rearticulate.synth.articulated import record
@@ -36,27 +37,34 @@ def test_matched_poses_follow_a_large_step():
     sequence, truth = record(arm(), frames=2, points=2000, step_deg=25, start="middle", seed=4)
     frames = make_frames(sequence.points)
     rows = frames.rows(0)
-    patches = make_patches(frames.points[rows], frames.normals[rows], TrackConfig())
+    own = make_patches(frames.points[rows], frames.normals[rows])
     motion = in_spacings(frames, truth.poses, 0)[1]
     labels = truth.labels[0][frames.order[rows]]
-    target = transform(motion[labels], patches.points)
+    target = transform(motion[labels], own.points)
     matched = MatchedStarts(frames)
     assert matched.possible(0, 1)
-    still = np.tile(np.eye(4), (patches.count, 1, 1))
-    T = matched.poses(still, patches.points[patches.member], patches.patch, 0, 1)
-    error = np.linalg.norm(transform(T[patches.owner], patches.points) - target, axis=1)
-    before = np.linalg.norm(patches.points - target, axis=1)
+    still = np.tile(np.eye(4), (own.count, 1, 1))
+    T = matched.poses(still, own.points[own.member], own.patch, 0, 1)
+    error = np.linalg.norm(transform(T[own.owner], own.points) - target, axis=1)
+    before = np.linalg.norm(own.points - target, axis=1)
     assert np.quantile(error, 0.9) < 0.5 * np.quantile(before, 0.9)
     np.testing.assert_allclose(T @ inverse(T), np.broadcast_to(np.eye(4), T.shape), atol=1e-9)
 
 
-def test_another_start_must_fit_better_by_a_margin():
+def test_another_start_must_fit_better_by_a_margin(monkeypatch):
     """Frames too far apart for tracking from rest: another start fits better, but not by any margin."""
     sequence, _ = record(arm(), frames=3, points=2000, step_deg=50, start="middle", seed=0)
     frames = make_frames(sequence.points)
-    never = track_patches(frames, 0, TrackConfig(bad_cost=1e9, unusual=1e9))
-    unreachable = track_patches(frames, 0, TrackConfig(bad_cost=0.0, gain=1e9))
-    taken = track_patches(frames, 0, TrackConfig(bad_cost=0.0))
+
+    def tracked(**constants):
+        with monkeypatch.context() as patch:
+            for name, value in constants.items():
+                patch.setattr(patches, name, value)
+            return track_patches(frames, 0, FitConfig())
+
+    never = tracked(BAD_COST=1e9, UNUSUAL=1e9)
+    unreachable = tracked(BAD_COST=0.0, GAIN=1e9)
+    taken = tracked(BAD_COST=0.0)
     np.testing.assert_array_equal(unreachable.T, never.T)
     assert np.abs(taken.T - never.T).max() > 1.0
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from oracle import in_spacings
-from rearticulate.config import RestConfig
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import exp_se3, transform
 from rearticulate.observe.frames import make_frames
@@ -45,7 +44,7 @@ def post_and_arm(turn, frames=4, seed=0):
 
 def test_a_round_post_that_turns_with_its_arm_is_at_rest():
     frames, model, post = post_and_arm(0.3)
-    found = part_at_rest(frames, 0, model, RestConfig())
+    found = part_at_rest(frames, 0, model)
     assert found.n_parts == 2
     np.testing.assert_array_equal(found.T[:, 1], np.tile(np.eye(4), (4, 1, 1)))
     at_rest = found.labels == 1
@@ -55,4 +54,4 @@ def test_a_round_post_that_turns_with_its_arm_is_at_rest():
 
 def test_where_a_part_is_at_rest_there_is_nothing_to_find():
     frames, model, _ = post_and_arm(0.0)
-    assert part_at_rest(frames, 0, model, RestConfig()) is model
+    assert part_at_rest(frames, 0, model) is model

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from oracle import in_spacings
-from rearticulate.config import ProjectConfig
 from rearticulate.geometry.se3 import exp_se3, inverse, log_se3
 from rearticulate.joints.articulated import Articulated, apply_step
 from rearticulate.joints.bundle import adjust_to_poses
@@ -124,7 +123,7 @@ def test_a_part_cut_in_two_becomes_one_again():
     np.testing.assert_allclose(model.forward()[:, 1], T[:, 1], atol=1e-6)
     far = np.linalg.norm(frames.points - np.cross(hinge[:3], hinge[3:]), axis=1)
     outer = (labels == 1) & (far > np.median(far[labels == 1]))
-    found, merged, _ = simplify(frames, c, model, np.where(outer, 2, labels), ProjectConfig())
+    found, merged, _ = simplify(frames, c, model, np.where(outer, 2, labels))
     assert found.parent.tolist() == [-1, 0]
     np.testing.assert_array_equal(merged, labels)
 

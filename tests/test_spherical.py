@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from oracle import in_spacings
-from rearticulate.config import DeviationConfig, ProjectConfig, preset
+from rearticulate.config import DeviationConfig, preset
 from rearticulate.evaluation.metrics import evaluate
 from rearticulate.evaluation.tree_distance import tree_edit_distance
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
@@ -103,7 +103,7 @@ def test_retargeting_with_balls():
 
 def test_true_motions_give_the_true_centres_and_tree(figure):
     _, truth, centre, frames, model = figure
-    root = choose_root(frames, C, model, ProjectConfig())
+    root = choose_root(frames, C, model)
     tree, labels, cost = project_balls(frames, C, model, DeviationConfig(), root)
     assert tree_edit_distance(tree.parent, truth.parent) == 0
     rows = frames.rows(C)

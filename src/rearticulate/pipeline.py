@@ -87,7 +87,7 @@ def fit(
         known = np.arange(F)
     clock("prepare", 0.5)
     shown = frames.take(known)
-    labeller = Labeller(shown, config.label)
+    labeller = Labeller(shown)
     clock("prepare", 1.0)
     flow = scene_flow(shown, config, clock)
     solver = Solver(shown, flow, labeller, config, seed, clock, store, fingerprint(sequence, config, seed), device)

@@ -95,7 +95,7 @@ def screw_joints(frames: Frames, best: Candidate, config: FitConfig, drift: floa
     """Hinges and slides. drift: of the scale, see `Scales`."""
     tree = best.tree
     assert isinstance(tree, Articulated)
-    diagnostics, origins = diagnose(frames, best.canonical, tree, best.labels, config.project, drift)
+    diagnostics, origins = diagnose(frames, best.canonical, tree, best.labels, config.slide_margin, drift)
     kinds: list[JointType] = ["revolute" if turning else "prismatic" for turning in tree.revolute]
     kinds[0] = "floating"
     q = np.where(tree.revolute, tree.q, tree.q * frames.unit)

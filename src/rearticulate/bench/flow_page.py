@@ -15,7 +15,7 @@ from rearticulate.bench.markdown import head, table
 from rearticulate.bench.published import SIX
 from rearticulate.bench.runner import Answer, Job
 from rearticulate.bench.variants import VARIANTS
-from rearticulate.config import PRESETS, TrackConfig
+from rearticulate.config import PRESETS, FitConfig
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
 from rearticulate.observe.flow import SceneFlow
@@ -43,7 +43,7 @@ def spatial_neighbours(a: Array, b: Array) -> SceneFlow:
     return SceneFlow(a[rows], b[forth[rows]] - a[rows])
 
 
-def patch_tracking(config: TrackConfig, a: Array, b: Array) -> SceneFlow:
+def patch_tracking(config: FitConfig, a: Array, b: Array) -> SceneFlow:
     """The direct solver's tracking from the first cloud to the second."""
     frames = make_frames([a, b])
     tracks = track_patches(frames, 0, config)
@@ -85,8 +85,8 @@ def pairs() -> list[str]:
         "nearest neighbours": spatial_neighbours,
         "network": partial(network_matches, False),
         "network, refined": partial(network_matches, True),
-        "tracking without network": partial(patch_tracking, VARIANTS["without network"].track),
-        "tracking": partial(patch_tracking, VARIANTS["direct"].track),
+        "tracking without network": partial(patch_tracking, VARIANTS["without network"]),
+        "tracking": partial(patch_tracking, VARIANTS["direct"]),
     }
     found = {
         (name, step, label): measure(follow, name, step)

@@ -34,7 +34,7 @@ VARIANTS: dict[str, FitConfig] = {
         for used in product((True, False), repeat=3)
         if any(used)
     },
-    "without network": replace(FitConfig(), track=replace(FitConfig().track, network=False)),
+    "without network": FitConfig(without=("network",)),
     "without field": _paper({"field": False}),
     "random start": _paper({"start": "random"}),
     "plain matches": _paper({"refined": False}),

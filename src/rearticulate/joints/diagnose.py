@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.config import ProjectConfig
 from rearticulate.geometry.kinematics import subtree
 from rearticulate.geometry.se3 import hat
 from rearticulate.joints.articulated import Articulated, reduced_system
@@ -69,14 +68,14 @@ def parameter_deviation(tree: Articulated, evidence: Evidence, origins: Array) -
 
 
 def diagnose(
-    frames: Frames, canonical: int, tree: Articulated, labels: IntArray, config: ProjectConfig, drift: float = 0.0
+    frames: Frames, canonical: int, tree: Articulated, labels: IntArray, slide_margin: float, drift: float = 0.0
 ) -> tuple[list[JointDiagnostics], Array]:
     """One record a part, lengths in metres, and the joint origins (P, 3) in spacings. drift: see `Scales`.
 
     The residual compares the joint with the motions the two parts have when they are registered freely.
     """
     free = register_to_fused(frames, canonical, Relaxed(tree.forward(), labels))
-    evidence = gather_evidence(frames, canonical, free, config)
+    evidence = gather_evidence(frames, canonical, free)
     origins = joint_origins(tree, evidence)
     if tree.n_parts == 1:
         return [NO_JOINT], origins
@@ -84,7 +83,7 @@ def diagnose(
     size = float(np.linalg.norm(np.ptp(frames.points[frames.rows(canonical)], axis=0)))
     out = [NO_JOINT]
     for j in range(1, tree.n_parts):
-        support = joint_support(evidence, j, int(tree.parent[j]), bool(tree.revolute[j]), size, config.prismatic_margin)
+        support = joint_support(evidence, j, int(tree.parent[j]), bool(tree.revolute[j]), size, slide_margin)
         axis_std, origin_std, value_std = (support.inflation * np.asarray(x)[..., j] for x in deviations)
         typical = float(np.median(value_std[value_std > 0])) if (value_std > 0).any() else 0.0
         claim = claim_of(frames, tree, evidence, j, support, float(axis_std), typical, size, drift)
@@ -124,9 +123,9 @@ class Support:
     inflation: float = 1.0
 
 
-def joint_support(evidence: Evidence, j: int, parent: int, turning: bool, size: float, slack: float) -> Support:
+def joint_support(evidence: Evidence, j: int, parent: int, turning: bool, size: float, slide_margin: float) -> Support:
     """The support of joint j of a type; nothing where one of its parts has no points. size: of the object.
-    slack: chi-square by which a hinge may fit better than a slide that is preferred."""
+    slide_margin: chi-square by which a hinge may fit better than a slide that is preferred."""
     z = evidence.fused.z[evidence.fused.labels == j]
     if not len(z) or not (evidence.fused.labels == parent).any():
         return Support()
@@ -135,7 +134,7 @@ def joint_support(evidence: Evidence, j: int, parent: int, turning: bool, size: 
     slide = fit_prismatic(A, W, z.mean(axis=0)[None], evidence.canonical)
     own, other = (turn, slide) if turning else (slide, turn)
     margin = float((other.cost - own.cost)[0] / evidence.sigma**2)
-    if not turning and margin > -slack and is_outside(axis_distance(turn.twist[0, 0], z), size):
+    if not turning and margin > -slide_margin and is_outside(axis_distance(turn.twist[0, 0], z), size):
         margin = np.inf
     free = max(6 * (len(A[0]) - 1) - len(A[0]) - (3 if turning else 1), 1)
     excess = float(own.cost[0] / evidence.sigma**2 / free)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.config import ProjectConfig
 from rearticulate.geometry.nearest import contact, nearest
 from rearticulate.geometry.se3 import transform
 from rearticulate.observe.frames import Frames
@@ -16,6 +15,8 @@ from rearticulate.parts.relaxed import Relaxed
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
+
+NOISE_FLOOR = 0.25  # spacings; registration is never trusted to better than this
 
 
 def free_share(frames: int, joints: int) -> float:
@@ -49,8 +50,8 @@ class Evidence:
         return np.sqrt(cost / (points_behind(W).sum(-1) + 1e-9))
 
 
-def plane_noise(frames: Frames, canonical: int, model: Relaxed, floor: float) -> float:
-    """Robust deviation of the canonical points from the surfaces of the neighbouring frames, at least the floor."""
+def plane_noise(frames: Frames, canonical: int, model: Relaxed) -> float:
+    """Robust deviation of the canonical points from the surfaces of the neighbouring frames, at least NOISE_FLOOR."""
     rows = frames.rows(canonical)
     labels = model.labels[rows]
     residuals = []
@@ -61,13 +62,13 @@ def plane_noise(frames: Frames, canonical: int, model: Relaxed, floor: float) ->
             residuals.append(
                 np.abs(np.einsum("ij,ij->i", y - frames.trees[f].data[j], frames.normals[frames.rows(f)][j]))
             )
-    return max(1.48 * float(np.median(np.concatenate(residuals))), floor)
+    return max(1.48 * float(np.median(np.concatenate(residuals))), NOISE_FLOOR)
 
 
-def gather_evidence(frames: Frames, canonical: int, model: Relaxed, config: ProjectConfig) -> Evidence:
+def gather_evidence(frames: Frames, canonical: int, model: Relaxed) -> Evidence:
     fused = fuse(frames, model.T, model.labels)
     H, _ = fused_equations(frames, canonical, model.T, fused, INFORMATION_SIGMA)
-    return Evidence(model.T, H, plane_noise(frames, canonical, model, config.noise_floor), fused, canonical)
+    return Evidence(model.T, H, plane_noise(frames, canonical, model), fused, canonical)
 
 
 def contact_point(evidence: Evidence, a: int, b: int, n: int = 40) -> Array:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.config import RepairConfig
 from rearticulate.geometry.kinematics import forward_kinematics, joint_jacobian, subtree
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.robust import geman_mcclure
@@ -19,7 +18,16 @@ from rearticulate.geometry.se3 import rotate, transform
 from rearticulate.joints.articulated import Articulated
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.register import Schedule, fit_cost, match, normal_equations
-from rearticulate.parts.repair import outwards
+from rearticulate.parts.repair import (
+    BACKWARD_WEIGHT,
+    MAX_UNEXPLAINED,
+    MINIMUM_POINTS,
+    REACH,
+    SUBSET,
+    SUSPICION,
+    UNEXPLAINED,
+    outwards,
+)
 from rearticulate.parts.trial import flatten, mean_by
 from rearticulate.progress import Told, untold
 
@@ -27,6 +35,11 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 JOINT_SCHEDULE = Schedule(iterations=12, sigma=3.7, sigma_end=0.56)
+BRANCH_SUSPICION = 1.08  # a misfit above this times the branch's best one calls for a restart
+BRANCH_POINTS = 400  # points of a branch of the tree in a joint-space restart
+MARGIN = 0.015  # spacings; other joint values must lower the misfit by this much to be taken
+SWEEP_DEG = 60.0  # a joint is searched this far either way
+SWEEP_STEP_DEG = 6.0
 
 
 @dataclass(frozen=True)
@@ -45,11 +58,10 @@ class JointRepairer:
         canonical: int,
         model: Articulated,
         labels: IntArray,
-        config: RepairConfig,
         rng: np.random.Generator,
     ):
         rows = frames.rows(canonical)
-        self.frames, self.canonical, self.model, self.config, self.rng = frames, canonical, model, config, rng
+        self.frames, self.canonical, self.model, self.rng = frames, canonical, model, rng
         self.x, self.nx, self.labels = frames.points[rows], frames.normals[rows], labels[rows]
         self.q = model.q.copy()
         self.best: dict[int, float] = {}
@@ -57,13 +69,13 @@ class JointRepairer:
     def branch(self, top: int) -> Branch | None:
         """The branch of joint `top`; None when it has too few points to tell."""
         parts = subtree(self.model.parent, top)
-        share = max(25, self.config.branch_points // len(parts))
+        share = max(25, BRANCH_POINTS // len(parts))
         chosen = []
         for p in parts:
             rows = np.flatnonzero(self.labels == p)
             chosen.append(rows if len(rows) <= share else self.rng.choice(rows, share, replace=False))
         points = np.concatenate(chosen)
-        return Branch(top, parts, points) if len(points) >= self.config.minimum_points else None
+        return Branch(top, parts, points) if len(points) >= MINIMUM_POINTS else None
 
     def _forward(self, f: int, q: Array) -> Array:
         """(C, P, 4, 4) part poses in frame f for configurations q (C, P)."""
@@ -91,8 +103,8 @@ class JointRepairer:
             mine, u = lonely[key]
             if len(u):
                 moved = transform(poses[c, self.labels[mine]], self.x[mine])
-                d = nearest(search_tree(moved), u, within=self.config.reach)[0]
-                out[c] = np.minimum(d, self.config.reach).sum() * self.config.backward_weight / max(len(mine), 20)
+                d = nearest(search_tree(moved), u, within=REACH)[0]
+                out[c] = np.minimum(d, REACH).sum() * BACKWARD_WEIGHT / max(len(mine), 20)
         return out
 
     def _unexplained(self, f: int, others: Array) -> Array:
@@ -100,9 +112,9 @@ class JointRepairer:
         target = self.frames.trees[f].data
         if len(others) == 0:
             return target[:0]
-        far = nearest(search_tree(others), target, within=self.config.unexplained)[0] > self.config.unexplained
+        far = nearest(search_tree(others), target, within=UNEXPLAINED)[0] > UNEXPLAINED
         u = target[far]
-        return u[:: max(1, len(u) // self.config.max_unexplained)]
+        return u[:: max(1, len(u) // MAX_UNEXPLAINED)]
 
     def refine(self, f: int, q: Array, branches: list[Branch]) -> Array:
         """Gauss-Newton over the joints of each configuration's branch; q (C, P)."""
@@ -140,9 +152,9 @@ class JointRepairer:
         k, changed = 0, 0
         for b, s in zip(branches, starts, strict=True):
             now = self.cost(f, q0[[k]], [b.points])[0] + self.missing(f, q0[[k]], [b.parts])[0]
-            penalty = np.where(np.arange(len(s)) == 0, 0.0, self.config.joint_margin)
+            penalty = np.where(np.arange(len(s)) == 0, 0.0, MARGIN)
             best = k + int((score[k : k + len(s)] + penalty).argmin())
-            if score[best] < now - self.config.joint_margin:
+            if score[best] < now - MARGIN:
                 self.q[f, b.parts] = q1[best, b.parts]
                 changed += 1
             k += len(s)
@@ -170,7 +182,7 @@ class JointRepairer:
         now = self.cost(f, self.q[[f]], [branch.points])[0] + self.missing(f, self.q[[f]], [branch.parts])[0]
         best = self.best.get(branch.top, np.inf)
         self.best[branch.top] = min(best, now)
-        return now > self.config.branch_suspicion * self.best[branch.top] or best == np.inf
+        return now > BRANCH_SUSPICION * self.best[branch.top] or best == np.inf
 
     def _with(self, f: int, branch: Branch, values: Array) -> Array:
         q = self.q[f].copy()
@@ -183,13 +195,13 @@ class JointRepairer:
         for j in range(1, self.model.n_parts):
             branch = self.branch(j)
             own = np.flatnonzero(self.labels == j)
-            if branch is None or len(own) < self.config.minimum_points or not self.model.revolute[j]:
+            if branch is None or len(own) < MINIMUM_POINTS or not self.model.revolute[j]:
                 continue
-            own = own[:: max(1, len(own) // self.config.subset)]
+            own = own[:: max(1, len(own) // SUBSET)]
             now = self.cost(f, self.q[[f]], [own])[0] + self.missing(f, self.q[[f]], [np.array([j])])[0]
-            if now <= self.config.suspicion * usual[j]:
+            if now <= SUSPICION * usual[j]:
                 continue
-            grid = np.deg2rad(np.arange(-self.config.swing_deg, self.config.swing_deg + 1, self.config.swing_step_deg))
+            grid = np.deg2rad(np.arange(-SWEEP_DEG, SWEEP_DEG + 1, SWEEP_STEP_DEG))
             q = np.repeat(self.q[[f]], len(grid), axis=0)
             q[:, j] += grid
             score = self.cost(f, q, [own] * len(q))
@@ -203,8 +215,8 @@ class JointRepairer:
         """(P,) lowest two-sided misfit of every part over the frames."""
         P = self.model.n_parts
         own = [np.flatnonzero(self.labels == p) for p in range(P)]
-        own = [o[:: max(1, len(o) // self.config.subset)] for o in own]
-        present = [p for p in range(1, P) if len(own[p]) >= self.config.minimum_points]
+        own = [o[:: max(1, len(o) // SUBSET)] for o in own]
+        present = [p for p in range(1, P) if len(own[p]) >= MINIMUM_POINTS]
         out = np.full(P, np.inf)
         for f in range(len(self.q)):
             if f != self.canonical and present:
@@ -219,12 +231,11 @@ def repair_joints(
     canonical: int,
     model: Articulated,
     labels: IntArray,
-    config: RepairConfig,
     rng: np.random.Generator,
     told: Told = untold,
 ) -> tuple[Articulated, int]:
     """Restart branches and sweep badly fitting parts in every frame, from the canonical frame outwards."""
-    repairer = JointRepairer(frames, canonical, model, labels, config, rng)
+    repairer = JointRepairer(frames, canonical, model, labels, rng)
     usual, changed = repairer.usual_cost(), 0
     for done, (f, before) in enumerate(outwards(canonical, frames.n_frames), start=1):
         changed += repairer.restart_branches(f, before)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.config import ProjectConfig
+from rearticulate.config import FitConfig
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import inverse, transform
 from rearticulate.joints.bundle import adjust_to_poses
@@ -26,11 +26,27 @@ from rearticulate.progress import Told, steps, untold
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
+# Chi-squares are per degree of freedom.
+MERGE_RMS = 0.36  # spacings; touching parts whose relative motion is below this are one (and chi-square below 10)
+JOINT_RMS = 0.25  # spacings; one joint is enough when its misfit is below this
+GAIN = 0.2  # another joint in series must lower the chi-square to this share
+SMALL_RMS = 0.5  # spacings; misfits below this need the stricter gain
+SMALL_GAIN = 0.05
+GAP = 7.5  # spacings; parts farther apart are not joined if it can be helped
+GAP_SERIES = 4.0  # spacings; two joints in series are tried for parts nearer than this
+GAP_WEIGHT = 0.35
+SERIES_COST = 2.0  # what a second joint costs in the spanning tree
+OFF_ROOT = 0.7  # what a joint between two moving parts costs more than one on the root
+LINK_NEAR = 4.0  # spacings; a hidden link starts with the points of the part that hangs on it within this reach
+LINK_FAR = 12.0  # ... or within this one
+LINK_SHARE = 0.4  # ... but with at most this share of them
+SMALL_PART = 0.04  # share of the points below which a part may become a link of a chain
 
-def merge_resting(frames: Frames, canonical: int, model: Relaxed, config: ProjectConfig) -> Relaxed:
-    """Merge touching parts whose relative motion is within the noise, the most similar first."""
+
+def merge_resting(frames: Frames, canonical: int, model: Relaxed, rest_chi2: float) -> Relaxed:
+    """Merge touching parts that rest against each other, to a chi-square below rest_chi2, the most similar first."""
     while model.n_parts > 1:
-        evidence = gather_evidence(frames, canonical, model, config)
+        evidence = gather_evidence(frames, canonical, model)
         pairs = sorted(adjacent_labels(evidence.fused.z[::4], model.labels[::4], 12))
         if not pairs:
             return model
@@ -38,10 +54,10 @@ def merge_resting(frames: Frames, canonical: int, model: Relaxed, config: Projec
         A, W = relative_motion(model.T, evidence.H, a, b, canonical)
         cost = rest_cost(A, W)
         x, rms = evidence.reduced(cost), evidence.rms(cost, W)
-        slight = (rms < config.merge_rms) & (x < 10)
-        x = np.where(slight, np.minimum(x, 0.9 * config.merge * rms / config.merge_rms), x)
+        slight = (rms < MERGE_RMS) & (x < 10)
+        x = np.where(slight, np.minimum(x, 0.9 * rest_chi2 * rms / MERGE_RMS), x)
         best = int(x.argmin())
-        if x[best] >= config.merge:
+        if x[best] >= rest_chi2:
             return model
         model = merge_pair(frames, model, int(a[best]), int(b[best]), model.counts())
     return model
@@ -79,13 +95,14 @@ class Joints:
     W: Array
 
 
-def fit_joints(evidence: Evidence, a: IntArray, b: IntArray, config: ProjectConfig) -> Joints:
-    """The better of a revolute and a prismatic joint for every pair; a slide is preferred when it is about as good."""
+def fit_joints(evidence: Evidence, a: IntArray, b: IntArray, slide_margin: float) -> Joints:
+    """The better of a revolute and a prismatic joint for every pair; a slide is preferred while a turn is not
+    better by slide_margin in chi-square."""
     A, W = relative_motion(evidence.T, evidence.H, a, b, evidence.canonical)
     turn = fit_revolute(A, W, evidence.canonical)
     centre = np.stack([evidence.fused.z[evidence.fused.labels == p].mean(axis=0) for p in a])
     slide = fit_prismatic(A, W, centre, evidence.canonical)
-    sliding = (slide.cost - turn.cost) / evidence.sigma**2 < config.prismatic_margin
+    sliding = (slide.cost - turn.cost) / evidence.sigma**2 < slide_margin
     return Joints(
         twist=np.where(sliding[:, None], slide.twist[:, 0], turn.twist[:, 0]),
         q=np.where(sliding[:, None], slide.q[..., 0], turn.q[..., 0]),
@@ -97,7 +114,7 @@ def fit_joints(evidence: Evidence, a: IntArray, b: IntArray, config: ProjectConf
 
 
 def tree_costs(
-    evidence: Evidence, P: int, root: int, config: ProjectConfig, rng: np.random.Generator, told: Told = untold
+    evidence: Evidence, P: int, root: int, config: FitConfig, rng: np.random.Generator, told: Told = untold
 ) -> Array:
     """(P, P) cost of joining two parts: log(1 + X_1), or with a hidden link series_cost + log(1 + X_2); plus the gap.
 
@@ -106,19 +123,19 @@ def tree_costs(
     """
     gap = part_gaps(evidence, P, rng, told)
     cost = 20 + gap
-    a, b = np.nonzero(np.tril(gap < config.gap, -1))
+    a, b = np.nonzero(np.tril(gap < GAP, -1))
     if len(a) == 0:
         return cost
-    one = evidence.reduced(fit_joints(evidence, a, b, config).cost, 1)
+    one = evidence.reduced(fit_joints(evidence, a, b, config.slide_margin).cost, 1)
     best = np.log1p(one)
-    series = np.flatnonzero((one > config.joint) & (gap[a, b] < config.gap_series))
+    series = np.flatnonzero((one > config.joint_chi2) & (gap[a, b] < GAP_SERIES))
     if len(series):
         A, W = relative_motion(evidence.T, evidence.H, a[series], b[series], evidence.canonical)
         contact = np.stack([contact_point(evidence, int(p), int(q)) for p, q in zip(a[series], b[series], strict=True)])
         two = evidence.reduced(fit_series(A, W, contact, 2, evidence.canonical, starts=3).cost, 2)
-        best[series] = np.minimum(best[series], config.series_cost + np.log1p(two))
-    off_root = np.where((a == root) | (b == root), 0.0, config.off_root)
-    cost[a, b] = cost[b, a] = best + config.gap_weight * gap[a, b] + off_root
+        best[series] = np.minimum(best[series], SERIES_COST + np.log1p(two))
+    off_root = np.where((a == root) | (b == root), 0.0, OFF_ROOT)
+    cost[a, b] = cost[b, a] = best + GAP_WEIGHT * gap[a, b] + off_root
     return cost
 
 
@@ -129,20 +146,20 @@ def _series_test(evidence: Evidence, a: int, b: int, contact: Array, k: int, sta
 
 
 def hidden_links(
-    evidence: Evidence, a: int, b: int, x1: float, rms: float, config: ProjectConfig
+    evidence: Evidence, a: int, b: int, x1: float, rms: float, joint_chi2: float
 ) -> tuple[ChainFit | None, Array]:
     """Two or three joints in series between a and b when one does not do (chi-square x1) and they do."""
     contact = contact_point(evidence, a, b)
-    if x1 < config.joint or rms < config.joint_rms:
+    if x1 < joint_chi2 or rms < JOINT_RMS:
         return None, contact
     x2, two = _series_test(evidence, a, b, contact, 2)
-    if rms < config.small_rms and not (x2 < config.small_gain * x1 and x2 < 0.5):
+    if rms < SMALL_RMS and not (x2 < SMALL_GAIN * x1 and x2 < 0.5):
         return None, contact
-    if x2 >= config.joint:
+    if x2 >= joint_chi2:
         x3, three = _series_test(evidence, a, b, contact, 3)
-        if x3 < config.gain * min(x2, x1):
+        if x3 < GAIN * min(x2, x1):
             return three, contact
-    return (two if x2 < config.gain * x1 else None), contact
+    return (two if x2 < GAIN * x1 else None), contact
 
 
 def near_contact(z: Array, contact: Array, inside: NDArray[np.bool_], reach: float, share: float) -> NDArray[np.bool_]:
@@ -155,20 +172,20 @@ def project(
     frames: Frames,
     canonical: int,
     model: Relaxed,
-    config: ProjectConfig,
+    config: FitConfig,
     rng: np.random.Generator,
     told: Told = untold,
 ) -> Projection:
     """The tree of joints of the relaxed model."""
-    evidence = gather_evidence(frames, canonical, model, config)
+    evidence = gather_evidence(frames, canonical, model)
     P = model.n_parts
-    root = choose_root(frames, canonical, model, config)
+    root = choose_root(frames, canonical, model)
     if P == 1:
         return Projection(assemble([], model.T[:, root], root, 1)[0], (np.zeros_like(model.labels),), np.arange(0))
     pairs, chains = steps(told, 2)
     parent, order = spanning_tree(tree_costs(evidence, P, root, config, rng, pairs), root)
     child = order[1:]
-    joints = fit_joints(evidence, child, parent[child], config)
+    joints = fit_joints(evidence, child, parent[child], config.slide_margin)
     x1, rms = evidence.reduced(joints.cost, 1), evidence.rms(joints.cost, joints.W)
     links = {
         int(c): Link(int(c), int(parent[c]), joints.twist[i], joints.q[i], bool(joints.revolute[i]))
@@ -176,21 +193,21 @@ def project(
     }
     x = {int(c): float(x1[i]) for i, c in enumerate(child)}
     r = {int(c): float(rms[i]) for i, c in enumerate(child)}
-    _replace_small_middles(evidence, model, links, x, config)
+    _replace_small_middles(evidence, model, links, x, config.joint_chi2)
     n_links = P
-    reaches = (config.link_near, config.link_far)
+    reaches = (LINK_NEAR, LINK_FAR)
     starts = [model.labels.copy() for _ in reaches]
     for c, each in zip([int(c) for c in child], steps(chains, P - 1), strict=True):
         each(0.0)
         link = links[c]
-        chain, contact = hidden_links(evidence, c, link.parent, x[c], r[c], config)
+        chain, contact = hidden_links(evidence, c, link.parent, x[c], r[c], config.joint_chi2)
         if chain is None:
             continue
         k = chain.twist.shape[0]
         if n_links + k - 1 > P + config.max_hidden:
             break
         for labels, reach in zip(starts, reaches, strict=True):
-            near = near_contact(evidence.fused.z, contact, model.labels == c, reach, config.link_share)
+            near = near_contact(evidence.fused.z, contact, model.labels == c, reach, LINK_SHARE)
             labels[near] = n_links + k - 2
         above = link.parent
         for i in range(k - 1):
@@ -206,20 +223,20 @@ def project(
 
 
 def _replace_small_middles(
-    evidence: Evidence, model: Relaxed, links: dict[int, Link], x: dict[int, float], config: ProjectConfig
+    evidence: Evidence, model: Relaxed, links: dict[int, Link], x: dict[int, float], joint_chi2: float
 ) -> None:
     """A small part whose two joints both fail becomes the middle link of a two-joint chain between its neighbours."""
     counts = model.counts()
     for v in sorted(links, key=lambda p: counts[p]):
         children = [c for c in links if links[c].parent == v]
-        if len(children) != 1 or counts[v] > config.small_part * counts.sum():
+        if len(children) != 1 or counts[v] > SMALL_PART * counts.sum():
             continue
         a, b = children[0], links[v].parent
-        if x[a] < config.joint or x[v] < config.joint:
+        if x[a] < joint_chi2 or x[v] < joint_chi2:
             continue
         contact = (contact_point(evidence, a, v) + contact_point(evidence, v, b)) / 2
         x2, two = _series_test(evidence, a, b, contact, 2)
-        if x2 < config.joint and x2 < config.gain * (x[a] + x[v]):
+        if x2 < joint_chi2 and x2 < GAIN * (x[a] + x[v]):
             links[v] = Link(v, b, two.twist[0], two.q[:, 0], True)
             links[a] = Link(a, v, two.twist[1], two.q[:, 1], True)
             x[v] = x[a] = x2

@@ -10,24 +10,36 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.config import LabelConfig, SeamConfig
 from rearticulate.geometry.nearest import contact, nearest, search_tree
 from rearticulate.joints.articulated import Articulated
 from rearticulate.observe.energy import point_misfit
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import to_canonical
-from rearticulate.parts.labels import part_distances, sheet_evidence
+from rearticulate.parts.labels import SHEET_RADIUS, SHEET_THICKNESS, part_distances, sheet_evidence
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
+ZONE = 9.0  # spacings; points this near to both parts may change sides
+MINIMUM_POINTS = 30  # that both parts may have
+NEIGHBOURS = 32  # the evidence is averaged over this many points first
+SLACK = 1.4  # cuts this close to the best (times the root of the number of points) count as equal
+BIN_WIDTH = 0.75  # spacings; of the histogram along the axis that finds the faces of links
+PEAK = 2.0  # a face has this many times the usual number of points
+DOUBT = 2.7  # a point with more evidence than this against the cut stays where it is
+SACRIFICE = 1.15  # evidence a changed point may give up on average, for ten frames
+MISFIT = 0.1  # spacings; ... and growth of their misfit to the other frames
+MINIMUM_SUPPORT = 5.0  # a link with fewer points a frame may claim points near the gap it bridges ...
+LINK_REACH = 12.0  # ... this near, in spacings
+CLAIM = 0.25  # cuts that give it up to this share of the sacrifice too much count as equal to the best
 
-def best_cut(along: Array, favour: Array, slack: float, bin_width: float, peak: float) -> tuple[float, float]:
+
+def best_cut(along: Array, favour: Array, slack: float) -> tuple[float, float]:
     """Place and side (+1: the child is above) of the cut of points at `along` (n,) that agrees best with `favour` (n,),
     the evidence for the child over the parent.
 
     Where cuts within the slack of the best one leave a choice, links end in faces across their axis: the bin with the
-    most points is taken if it has `peak` times the usual number, else the middle.
+    most points is taken if it has PEAK times the usual number, else the middle.
     """
     order = np.argsort(along, kind="stable")
     s, gain = along[order], favour[order]
@@ -38,9 +50,9 @@ def best_cut(along: Array, favour: Array, slack: float, bin_width: float, peak: 
     good = np.flatnonzero(score >= score.max() - slack)
     edges = np.concatenate([[s[0] - 1.0], (s[1:] + s[:-1]) / 2, [s[-1] + 1.0]])
     low, high = float(edges[good[0]]), float(edges[good[-1]])
-    if high - low > 2 * bin_width:
-        count, place = np.histogram(s, bins=np.arange(low, high + bin_width, bin_width))
-        if count.max() > peak * np.median(count):
+    if high - low > 2 * BIN_WIDTH:
+        count, place = np.histogram(s, bins=np.arange(low, high + BIN_WIDTH, BIN_WIDTH))
+        if count.max() > PEAK * np.median(count):
             k = int(count.argmax())
             return float((place[k] + place[k + 1]) / 2), side
     return float((low + high) / 2), side
@@ -67,42 +79,42 @@ def cut_seams(
     frames: Frames,
     tree: Articulated,
     labels: IntArray,
-    label_config: LabelConfig,
-    config: SeamConfig,
+    thickness: float = SHEET_THICKNESS,
     only_empty: bool = False,
 ) -> IntArray:
     """Labels (M,) with the border of every turning joint made a plane where the evidence allows it.
 
-    only_empty: only the joints of links that have (almost) no points yet, while the motions are still rough.
+    thickness: of a sheet of points, in spacings. only_empty: only the joints of links that have (almost) no points yet,
+    while the motions are still rough.
     """
-    empty = np.bincount(labels, minlength=tree.n_parts) / frames.n_frames < config.minimum_support
+    empty = np.bincount(labels, minlength=tree.n_parts) / frames.n_frames < MINIMUM_SUPPORT
     turning = tree.revolute & (tree.parent >= 0)
     joints = np.flatnonzero(turning & (empty | empty[tree.parent]) if only_empty else turning)
     if len(joints) == 0:
         return labels
     T = tree.forward()
     z = to_canonical(frames, T, labels)
-    candidates = np.isfinite(part_distances(frames, labels, tree.n_parts, config.zone))
+    candidates = np.isfinite(part_distances(frames, labels, tree.n_parts, ZONE))
     candidates &= np.isin(np.arange(tree.n_parts), np.concatenate([joints, tree.parent[joints]]))
     gap = gap_distances(frames, tree, T, labels, z, empty)
-    sheets = candidates | (gap < config.link_reach + label_config.sheet_radius)
-    U = sheet_evidence(frames, T, sheets, None, label_config)
-    candidates |= gap < config.link_reach
+    sheets = candidates | (gap < LINK_REACH + SHEET_RADIUS)
+    U = sheet_evidence(frames, T, sheets, None, thickness)
+    candidates |= gap < LINK_REACH
     labels = labels.copy()
-    limit = config.sacrifice * np.sqrt((frames.n_frames - 1) / 9)
+    limit = SACRIFICE * np.sqrt((frames.n_frames - 1) / 9)
     for j in joints:
         p = int(tree.parent[j])
         zone = np.flatnonzero(((labels == j) | (labels == p)) & candidates[:, j] & candidates[:, p])
-        if len(zone) < config.minimum_points:
+        if len(zone) < MINIMUM_POINTS:
             continue
         vacant = bool(empty[[j, p]].any())
-        slack = config.claim * limit * len(zone) if vacant else config.slack * np.sqrt(len(zone))
-        new = _cut(z[zone], labels[zone], U[zone, p] - U[zone, j], int(j), p, tree.twist[j, :3], limit, slack, config)
+        slack = CLAIM * limit * len(zone) if vacant else SLACK * np.sqrt(len(zone))
+        new = _cut(z[zone], labels[zone], U[zone, p] - U[zone, j], int(j), p, tree.twist[j, :3], limit, slack)
         changed = zone[new != labels[zone]]
         if len(changed) and not vacant:
             other = np.where(labels[changed] == j, p, j)
             worse = point_misfit(frames, T, other, changed) - point_misfit(frames, T, labels[changed], changed)
-            if worse.mean() > config.misfit:
+            if worse.mean() > MISFIT:
                 continue
         labels[zone] = new
     return labels
@@ -117,17 +129,16 @@ def _cut(
     axis: Array,
     limit: float,
     slack: float,
-    config: SeamConfig,
 ) -> IntArray:
     """Labels of one border zone, cut if that gives up little evidence. favour: evidence for j over p."""
-    near = nearest(search_tree(z), z, k=min(config.neighbours, len(z)))[1]
+    near = nearest(search_tree(z), z, k=min(NEIGHBOURS, len(z)))[1]
     favour = favour[near].mean(axis=1)
     along = z @ axis
-    mild = np.clip(favour, -config.doubt, config.doubt)
-    place, side = best_cut(along, mild, slack, config.bin_width, config.peak)
+    mild = np.clip(favour, -DOUBT, DOUBT)
+    place, side = best_cut(along, mild, slack)
     new = np.where(side * (along - place) > 0, j, p)
     against = favour * np.where(new == j, -1, 1)  # evidence against the cut, point by point
     changed = new != labels
     if not changed.any() or against[changed].mean() > limit:
         return labels
-    return np.where(against > config.doubt, labels, new)
+    return np.where(against > DOUBT, labels, new)

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.config import ProjectConfig
 from rearticulate.joints.articulated import Articulated
 from rearticulate.joints.bundle import SIGMA, adjust_to_poses, bundle_adjust
 from rearticulate.observe.energy import energy
@@ -23,6 +22,8 @@ from rearticulate.progress import Told, steps, untold
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
+ROUNDS = 10  # each of which tries all joints that are left
+LIKELY = 1.0  # spacings; a joint that the others make up for to this misfit is put to the test of the energy
 TRIES = 3  # fixed joints that fail the test of the energy in one round
 WIDE = 10.0  # robust scale of the misfit: none
 
@@ -111,26 +112,25 @@ def simplify(
     canonical: int,
     tree: Articulated,
     labels: IntArray,
-    config: ProjectConfig,
     told: Told = untold,
 ) -> tuple[Articulated, IntArray, float]:
     """Fix joints, the least needed first, while the energy does not rise. Returns tree, labels (M,) and energy."""
     value = energy(frames, tree.forward(), labels)
     poses = poses_of(frames, canonical, tree, labels)
     before = tree.n_parts + 1
-    for each_round in steps(told, config.weld_rounds):
+    for each_round in steps(told, ROUNDS):
         if not 1 < tree.n_parts < before:
             break
         before = tree.n_parts
         fixes = possible_fixes(frames, canonical, tree, labels, poses, each_round)
-        likely = [fix for fix in fixes if fix.misfit < config.weld]
+        likely = [fix for fix in fixes if fix.misfit < LIKELY]
         now, failures = np.arange(tree.n_parts), 0  # now: the number of each part after what was fixed in this round
         for found in likely:
             j, k = int(now[found.j]), int(now[found.k])
             if j == k:
                 continue
             option = found if tree.n_parts == before else try_fixing(canonical, tree, poses, j, k)
-            if option.misfit >= config.weld:
+            if option.misfit >= LIKELY:
                 continue
             merged = option.number[labels]
             smaller = bundle_adjust(frames, canonical, option.tree, merged, (SIGMA,))

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
-from rearticulate.config import ProjectConfig
 from rearticulate.joints.articulated import Articulated
 from rearticulate.observe.frames import Frames
 from rearticulate.parts.relaxed import Relaxed
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
+
+ROOT_MOTION = 1.5  # the root is the largest part among those that move at most this times the least
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Projection:
     hidden: IntArray
 
 
-def choose_root(frames: Frames, canonical: int, model: Relaxed, config: ProjectConfig) -> int:
+def choose_root(frames: Frames, canonical: int, model: Relaxed) -> int:
     """The largest part among those whose own points move little more than the least moving part's."""
     rows = frames.rows(canonical)
     labels = model.labels[rows]
@@ -40,7 +41,7 @@ def choose_root(frames: Frames, canonical: int, model: Relaxed, config: ProjectC
     size = np.bincount(labels, minlength=model.n_parts)
     mean = np.bincount(labels, travel, minlength=model.n_parts) / np.maximum(size, 1)
     mean[size == 0] = np.inf
-    still = mean <= config.root_motion * mean.min() + 0.5
+    still = mean <= ROOT_MOTION * mean.min() + 0.5
     return int(np.where(still, model.counts(), -1).argmax())
 
 

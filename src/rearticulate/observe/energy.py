@@ -17,10 +17,11 @@ PER_JOINT = 0.002  # what a joint must earn: an empty joint must not win by chan
 PER_EMPTY = 0.004  # ... and a link without points: the border it saves must not pay for it
 EMPTY = 5.0  # points a frame that a link shows at least
 PER_BORDER = 0.2  # a patch that slides in itself fits two parts: it must not go to the one it fits better by chance
+EVIDENCE_FRAMES = 12  # that a point is tested against, at most
 SAME_SURFACE = 0.8  # neighbours that lie farther than this from a point's tangent plane are of another surface
 
 
-def evidence_frames(F: int, limit: int = 12) -> list[int]:
+def evidence_frames(F: int, limit: int = EVIDENCE_FRAMES) -> list[int]:
     """At most `limit` frames, evenly spread: the ones every point is tested against."""
     return [int(f) for f in np.linspace(0, F - 1, min(F, limit)).round()]
 

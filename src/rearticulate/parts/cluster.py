@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.config import ClusterConfig
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
 from rearticulate.parts.patches import Tracks
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
+
+SIGMA = 0.75  # spacings; deviation of a tracked point
 
 
 @dataclass
@@ -97,9 +98,9 @@ def adjacent_labels(points: Array, label: IntArray, neighbours: int = 10) -> set
     return {(int(p), int(q)) for p, q in pairs}
 
 
-def cluster(tracks: Tracks, config: ClusterConfig) -> tuple[IntArray, Array]:
+def cluster(tracks: Tracks, penalty: float, max_fragments: int) -> tuple[IntArray, Array]:
     """Merge neighbouring patches, cheapest first, until the cheapest merge costs more than the penalty and there are no
-    more parts than allowed.
+    more fragments than allowed. penalty: growth of the rigid-fit error, in SIGMA^2 a frame.
 
     Returns labels (N,) of the canonical points and T (F, P, 4, 4). Errors inside a patch are correlated, hence the
     square root of the smaller size instead of the size.
@@ -119,7 +120,7 @@ def cluster(tracks: Tracks, config: ClusterConfig) -> tuple[IntArray, Array]:
     def push(a: int, others: list[int]) -> None:
         joint = stats.take([a] * len(others)).plus(stats.take(others))
         growth = (joint.squared_error() - error[a] - error[others]).sum(1)
-        cost = growth / config.sigma**2 / F / np.sqrt(np.minimum(stats.n[a], stats.n[others]))
+        cost = growth / SIGMA**2 / F / np.sqrt(np.minimum(stats.n[a], stats.n[others]))
         for b, c in zip(others, cost, strict=True):
             p, q = min(a, b), max(a, b)
             heapq.heappush(queue, (float(c), p, q, int(version[p]), int(version[q])))
@@ -132,7 +133,7 @@ def cluster(tracks: Tracks, config: ClusterConfig) -> tuple[IntArray, Array]:
         cost, a, b, va, vb = heapq.heappop(queue)
         if not (alive[a] and alive[b]) or version[a] != va or version[b] != vb:
             continue
-        if cost > config.penalty and alive.sum() <= config.max_parts:
+        if cost > penalty and alive.sum() <= max_fragments:
             break
         stats.store(a, stats.take([a]).plus(stats.take([b])))
         error[a] = stats.take([a]).squared_error()[0]

@@ -9,13 +9,12 @@ the point spacing and needs good motions.
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.config import LabelConfig
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import inverse, transform
 from rearticulate.observe.energy import evidence_frames, point_misfit
@@ -28,6 +27,20 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 IMPOSSIBLE = 1e3  # unary cost of a part that is no candidate
+OFFSET_SCALE = 0.4  # spacings; Gaussian weight of the offset between the tangent planes of two neighbours
+SPACE_SCALE = 1.87  # spacings; Gaussian weight of a spatial neighbour
+TIME_SCALE = 1.12  # spacings; Gaussian weight of a neighbour in another frame
+NEAREST_WEIGHT = 5.0  # of the misfit against the neighbours
+CANDIDATE_RADIUS = 3.7  # spacings; parts as near as this are candidates, for coarse labels
+SHEET_CANDIDATES = 3.7  # ... and for fine ones
+SHEET_RADIUS = 2.6  # spacings; neighbours within this are tested for a sheet
+SHEET_NEIGHBOURS = 40
+SHEET_TRIES = 20  # planes
+SHEET_THICKNESS = 0.093  # spacings; of points without noise
+SHEET_CURVATURE = 0.008  # thickness grows by this times the squared distance, per spacing
+SAMPLING_NOISE = 0.25  # spacings; deviation from a surface that sampling alone may show; what is more is noise
+CERTAIN = 0.99  # a point that was this sure of its part ...
+CERTAIN_RADIUS = 2.0  # ... has only candidates that are nearer than this, in spacings
 
 
 @dataclass(frozen=True)
@@ -146,13 +159,14 @@ def sheet_evidence(
     T: Array,
     candidates: NDArray[np.bool_],
     belief: Array | None,
-    config: LabelConfig,
+    thickness: float = SHEET_THICKNESS,
     settled: NDArray[np.bool_] | None = None,
 ) -> Array:
     """(M, P) minus the support of the sheet through a point under each candidate part; IMPOSSIBLE elsewhere.
 
     belief (M, P): current probability of every label; a neighbour that is thought to belong elsewhere counts less.
-    settled (M, P): candidates that are part of the sheets but are out of the question as labels.
+    thickness: of a sheet, in spacings. settled (M, P): candidates that are part of the sheets but are out of the
+    question as labels.
     """
     point, part = np.nonzero(candidates)
     z = transform(inverse(T)[frames.frame[point], part], frames.points[point])
@@ -163,15 +177,13 @@ def sheet_evidence(
     out = np.where(possible, 0.0, IMPOSSIBLE)
     if len(asked) == 0:
         return out
-    k = min(config.sheet_neighbours, len(z))
-    d, j = nearest(search_tree(keyed), keyed[asked], k=k, within=config.sheet_radius)
+    k = min(SHEET_NEIGHBOURS, len(z))
+    d, j = nearest(search_tree(keyed), keyed[asked], k=k, within=SHEET_RADIUS)
     frame = frames.frame[point]
     valid = np.isfinite(d)
     valid[valid] = frame[j[valid]] != np.broadcast_to(frame[asked][:, None], j.shape)[valid]
     start = np.concatenate([[0], np.cumsum(valid.sum(axis=1))])
-    support = _sheet_support(
-        z[asked], z, weight, start, j[valid], config.sheet_thickness, config.sheet_curvature, config.sheet_tries
-    )
+    support = _sheet_support(z[asked], z, weight, start, j[valid], thickness, SHEET_CURVATURE, SHEET_TRIES)
     out[point[asked], part[asked]] = -support
     return out
 
@@ -217,34 +229,34 @@ def mean_field(unary: Array, graph: Graph, iterations: int = 20) -> Array:
 class Labeller:
     """Relabels all points for given motions. Keeps what does not change between calls."""
 
-    def __init__(self, frames: Frames, config: LabelConfig):
-        self.frames, self.config = frames, config
-        self.targets = evidence_frames(frames.n_frames, config.evidence_frames)
-        self.space = spatial_graph(frames, config.space_scale, config.offset_scale)
+    def __init__(self, frames: Frames):
+        self.frames, self.thickness = frames, SHEET_THICKNESS
+        self.targets = evidence_frames(frames.n_frames)
+        self.space = spatial_graph(frames, SPACE_SCALE, OFFSET_SCALE)
 
     def _time(self, T: Array, labels: IntArray, candidates: NDArray[np.bool_]) -> Graph:
-        return temporal_graph(self.frames, T, labels, doubtful(candidates), self.targets, self.config.time_scale)
+        return temporal_graph(self.frames, T, labels, doubtful(candidates), self.targets, TIME_SCALE)
 
-    def coarse(self, model: Relaxed, radius: float, told: Told = untold) -> Relaxed:
-        """Labels by nearest-point evidence; parts that end with too few points are dissolved, smallest first."""
+    def coarse(self, model: Relaxed, minimum_points: float, told: Told = untold) -> Relaxed:
+        """Labels by nearest-point evidence; parts that end with fewer points a frame are dissolved, smallest first."""
         for _ in rounds(told):
-            candidates = np.isfinite(part_distances(self.frames, model.labels, model.n_parts, radius))
-            U = self.config.nearest_weight * nearest_evidence(self.frames, model.T, candidates, self.targets)
+            candidates = np.isfinite(part_distances(self.frames, model.labels, model.n_parts, CANDIDATE_RADIUS))
+            U = NEAREST_WEIGHT * nearest_evidence(self.frames, model.T, candidates, self.targets)
             graph = Graph(self.space.neighbour, 0.5 * self.space.weight).join(
                 self._time(model.T, model.labels, candidates), 1.0
             )
             model = Relaxed(model.T, mean_field(U, graph).argmax(axis=1))
             counts = model.counts()
-            if counts.min() >= self.config.minimum_points or model.n_parts == 1:
+            if counts.min() >= minimum_points or model.n_parts == 1:
                 break
             model = drop_small(self.frames, model, np.nextafter(counts.min(), np.inf))
         return model
 
     def with_noise(self, noise: float) -> Labeller:
         """The same for points that scatter about their surface by noise (spacings): sheets are thicker by it."""
-        out, config = copy(self), self.config
-        excess = max(noise**2 - config.sampling_noise**2, 0.0)
-        out.config = replace(config, sheet_thickness=float(np.sqrt(config.sheet_thickness**2 + excess)))
+        out = copy(self)
+        excess = max(noise**2 - SAMPLING_NOISE**2, 0.0)
+        out.thickness = float(np.sqrt(self.thickness**2 + excess))
         return out
 
     def fine(self, model: Relaxed, belief: Array | None, told: Told = untold) -> tuple[Relaxed, Array]:
@@ -252,15 +264,14 @@ class Labeller:
 
         A point whose part was certain in the last call only looks at parts that are near.
         """
-        config = self.config
-        distance = part_distances(self.frames, model.labels, model.n_parts, config.sheet_candidates)
+        distance = part_distances(self.frames, model.labels, model.n_parts, SHEET_CANDIDATES)
         candidates = np.isfinite(distance)
         settled = np.zeros_like(candidates)
         if belief is not None:
             own = np.eye(model.n_parts, dtype=bool)[model.labels]
-            settled = (belief[own] > config.certain)[:, None] & (distance >= config.certain_radius) & ~own
+            settled = (belief[own] > CERTAIN)[:, None] & (distance >= CERTAIN_RADIUS) & ~own
         told(0.2)
-        U = sheet_evidence(self.frames, model.T, candidates, belief, config, settled)
+        U = sheet_evidence(self.frames, model.T, candidates, belief, self.thickness, settled)
         told(0.8)
         candidates &= ~settled
         belief = mean_field(U, self.space)

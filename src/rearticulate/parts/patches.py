@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from rearticulate.config import TrackConfig
+from rearticulate.config import FitConfig
 from rearticulate.geometry.nearest import farthest_points, nearest, search_tree
 from rearticulate.geometry.robust import geman_mcclure
 from rearticulate.geometry.se3 import exp_se3, inverse, rotate, transform
@@ -28,6 +28,19 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 DAMPING = np.diag([0.035] * 3 + [1e-4] * 3)
+POINTS_PER_NODE = 12.8
+MIN_NODES, MAX_NODES = 160, 360
+PATCH_SIZE = 30  # points
+EDGES_PER_NODE = 6
+ITERATIONS = 30
+SIGMA_END = 0.75  # spacings; robust scale of a correspondence in the last iteration, in the first: the capture range
+STIFFNESS, STIFFNESS_END = 3.0, 0.02  # weight of a patch edge, relative to the data of one patch
+TEAR, TEAR_END = 9.3, 1.9  # spacings; robust scale of the gap of an edge
+TEAR_MEMORY = 3.7  # spacings; an edge that was torn by more than this in another frame stays weak
+POINT_SHARE = 0.3  # of the distance to the point, against that to its plane
+BAD_COST = 2.15  # spacings; a frame with a larger two-sided distance is tried again from others ...
+UNUSUAL = 1.08  # ... and one with so many times the usual distance
+GAIN = 0.02  # spacings; a start is taken if it lowers that distance by this (standard error 0.012, 4096 points)
 
 
 @dataclass(frozen=True)
@@ -62,12 +75,12 @@ class Tracks:
     T: Array
 
 
-def make_patches(points: Array, normals: Array, config: TrackConfig) -> Patches:
+def make_patches(points: Array, normals: Array) -> Patches:
     """Patches around farthest-point nodes; every point belongs to at least one."""
-    count = int(np.clip(len(points) / config.points_per_node, config.min_nodes, config.max_nodes))
+    count = int(np.clip(len(points) / POINTS_PER_NODE, MIN_NODES, MAX_NODES))
     nodes = points[farthest_points(points, min(count, len(points) // 4))]
     K, tree = len(nodes), search_tree(points)
-    size = min(config.patch_size, len(points))
+    size = min(PATCH_SIZE, len(points))
     owner = nearest(search_tree(nodes), points)[1]
     member = nearest(tree, nodes, k=size)[1].ravel()
     patch = np.repeat(np.arange(K), size)
@@ -75,7 +88,7 @@ def make_patches(points: Array, normals: Array, config: TrackConfig) -> Patches:
     member, patch = np.concatenate([member, missing]), np.concatenate([patch, owner[missing]])
     order = np.argsort(patch, kind="stable")
     member, patch = member[order], patch[order]
-    k = min(config.edges_per_node, K - 1)
+    k = min(EDGES_PER_NODE, K - 1)
     neighbour = nearest(search_tree(nodes), nodes, k=k + 1)[1][:, 1:]
     edges = np.unique(np.sort(np.stack([np.repeat(np.arange(K), k), neighbour.ravel()], 1), axis=1), axis=0)
     a, b = nodes[edges[:, 0]], nodes[edges[:, 1]]
@@ -187,18 +200,21 @@ def _match_backward(patches: Patches, T: Array, tree: KDTree, target_normals: Ar
 
 
 def register_patches(
-    frames: Frames, patches: Patches, f: int, T: Array, edge_weight: Array, config: TrackConfig, reach: float = 1.0
+    frames: Frames, patches: Patches, f: int, T: Array, edge_weight: Array, capture_range: float
 ) -> tuple[Array, Array]:
-    """Gauss-Newton from T (K, 4, 4) onto frame f. Returns T and the squared gap (E,) of each edge."""
+    """Gauss-Newton from T (K, 4, 4) onto frame f. Returns T and the squared gap (E,) of each edge.
+
+    capture_range: robust scale of a correspondence in the first iteration, in spacings.
+    """
     tree, target_normals = frames.trees[f], frames.normals[frames.rows(f)]
     gap = np.zeros(len(patches.edge_i))
     off = np.empty((len(gap), 6, 6))
-    for i in range(config.iterations):
-        a = i / (config.iterations - 1)
-        sigma = reach * config.sigma * (config.sigma_end / (reach * config.sigma)) ** a
-        stiffness = config.stiffness * (config.stiffness_end / config.stiffness) ** a
-        tear = config.tear * (config.tear_end / config.tear) ** a
-        H1, g1 = _match_forward(patches, T, tree, target_normals, sigma, config.point_share)
+    for i in range(ITERATIONS):
+        a = i / (ITERATIONS - 1)
+        sigma = capture_range * (SIGMA_END / capture_range) ** a
+        stiffness = STIFFNESS * (STIFFNESS_END / STIFFNESS) ** a
+        tear = TEAR * (TEAR_END / TEAR) ** a
+        H1, g1 = _match_forward(patches, T, tree, target_normals, sigma, POINT_SHARE)
         H2, g2 = _match_backward(patches, T, tree, target_normals, sigma)
         H, g = H1 + H2 + DAMPING, g1 + g2
         w = stiffness * edge_weight * geman_mcclure(gap, tear) / 4
@@ -215,27 +231,29 @@ def _two_sided_cost(frames: Frames, patches: Patches, T: Array, f: int) -> float
     return float(np.minimum(there, 4).mean() + np.minimum(back, 4).mean())
 
 
-def _register_from_starts(frames, patches, f, starts, edge_weight, usual_cost, config) -> tuple[Array, Array, float]:
+def _register_from_starts(
+    frames, patches, f, starts, edge_weight, usual_cost, capture_range
+) -> tuple[Array, Array, float]:
     """Start from starts[0]; when the result is unusually bad, also from the others and with twice the capture range.
 
     starts: functions that make them, for the later ones take time.
     """
     first = starts[0]()
-    T, gap = register_patches(frames, patches, f, first, edge_weight, config)
+    T, gap = register_patches(frames, patches, f, first, edge_weight, capture_range)
     cost = _two_sided_cost(frames, patches, T, f)
-    if cost > min(config.bad_cost, config.unusual * usual_cost):
-        for start, reach in [(make(), 1.0) for make in starts[1:]] + [(first, 2.0)]:
-            T_new, gap_new = register_patches(frames, patches, f, start, edge_weight, config, reach)
+    if cost > min(BAD_COST, UNUSUAL * usual_cost):
+        for start, reach in [(make(), capture_range) for make in starts[1:]] + [(first, 2 * capture_range)]:
+            T_new, gap_new = register_patches(frames, patches, f, start, edge_weight, reach)
             cost_new = _two_sided_cost(frames, patches, T_new, f)
-            if cost_new < cost - config.gain:
+            if cost_new < cost - GAIN:
                 T, gap, cost = T_new, gap_new, cost_new
     return T, gap, cost
 
 
-def track_patches(frames: Frames, canonical: int, config: TrackConfig, progress=lambda fraction: None) -> Tracks:
+def track_patches(frames: Frames, canonical: int, config: FitConfig, progress=lambda fraction: None) -> Tracks:
     """Follow the canonical frame's patches forwards and backwards through the sequence."""
     rows = frames.rows(canonical)
-    patches = make_patches(frames.points[rows], frames.normals[rows], config)
+    patches = make_patches(frames.points[rows], frames.normals[rows])
     F, K = frames.n_frames, patches.count
     T = np.tile(np.eye(4), (F, K, 1, 1))
     gaps = np.zeros((F, len(patches.edge_i)))
@@ -249,12 +267,12 @@ def track_patches(frames: Frames, canonical: int, config: TrackConfig, progress=
             starts: list[Callable[[], Array]] = [lambda T=previous: T]
             if velocity is not None:
                 starts.insert(0, lambda T=velocity @ previous: T)
-            if config.network and matched.possible(f - direction, f):
+            if config.uses("network") and matched.possible(f - direction, f):
                 points, patch = patches.points[patches.member], patches.patch
                 starts.append(partial(matched.poses, previous, points, patch, f - direction, f))
-            torn = geman_mcclure(gaps.max(axis=0), config.tear_memory) + 0.01
+            torn = geman_mcclure(gaps.max(axis=0), TEAR_MEMORY) + 0.01
             usual = float(np.median(costs)) if costs and velocity is not None else np.inf
-            T[f], gaps[f], cost = _register_from_starts(frames, patches, f, starts, torn, usual, config)
+            T[f], gaps[f], cost = _register_from_starts(frames, patches, f, starts, torn, usual, config.capture_range)
             costs.append(cost)
             velocity = T[f] @ inverse(previous)
             first_step = velocity if first_step is None else first_step

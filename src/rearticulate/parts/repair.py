@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.config import RepairConfig
 from rearticulate.geometry.nearest import contact, nearest, search_tree
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.observe.frames import Frames
@@ -22,6 +21,18 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 RESTART_SCHEDULE = Schedule(iterations=6, sigma=2.2, sigma_end=0.56)
+SUBSET = 150  # points of a part that take part in a restart (`parts.trial.Trials.subset`)
+MINIMUM_POINTS = 12  # of a part that is started again
+MARGIN = 0.06  # spacings; another pose must lower the misfit by this much to be taken
+UNEXPLAINED = 1.5  # spacings; a point farther than this from every other part is unexplained
+MAX_UNEXPLAINED = 300  # points
+REACH = 4.0  # spacings; an unexplained point costs at most this much
+BACKWARD_WEIGHT = 0.3  # of the unexplained points, against the part's own misfit
+SUSPICION = 1.3  # a misfit above this times the part's best one calls for a search
+PIVOT_SUBSET = 40  # points of a part that judge turns about a joint
+PIVOT_RADIUS_DEG = 50.0  # turns about a joint are searched this far
+PIVOT_STEP_DEG = 12.5
+PIVOT_KEEP = 3  # of these turns are registered
 
 
 def rotation_ball(radius: float, step: float) -> Array:
@@ -50,19 +61,19 @@ def border_neighbours(near: IntArray, labels: IntArray, P: int, n: int) -> list[
 class Repairer:
     """Restarts the parts of one relaxed model."""
 
-    def __init__(self, frames: Frames, canonical: int, model: Relaxed, config: RepairConfig, rng: np.random.Generator):
+    def __init__(self, frames: Frames, canonical: int, model: Relaxed, rng: np.random.Generator):
         self.trials = Trials(frames, canonical, rng)
-        self.frames, self.canonical, self.config = frames, canonical, config
+        self.frames, self.canonical = frames, canonical
         self.labels = model.labels[frames.rows(canonical)]
         self.T = model.T.copy()
-        self.parts = [p for p in range(model.n_parts) if (self.labels == p).sum() >= config.minimum_points]
-        self.subsets = {p: self.trials.subset(self.labels, p, config.subset) for p in self.parts}
-        self.few = {p: s[: config.pivot_subset] for p, s in self.subsets.items()}
+        self.parts = [p for p in range(model.n_parts) if (self.labels == p).sum() >= MINIMUM_POINTS]
+        self.subsets = {p: self.trials.subset(self.labels, p, SUBSET) for p in self.parts}
+        self.few = {p: s[:PIVOT_SUBSET] for p, s in self.subsets.items()}
         self.near = border_neighbours(self.trials.near[:, :9], self.labels, model.n_parts, 2)
         self.pivots = {(p, b): self._contact(p, b) for p in self.parts for b in self.near[p]}
         self.usual: dict[int, float] = {}
         self.neighbours_of_canonical = (canonical - 1, canonical + 1)
-        self.ball = rotation_ball(np.deg2rad(config.pivot_radius_deg), np.deg2rad(config.pivot_step_deg))
+        self.ball = rotation_ball(np.deg2rad(PIVOT_RADIUS_DEG), np.deg2rad(PIVOT_STEP_DEG))
 
     def _contact(self, a: int, b: int, n: int = 10) -> Array:
         xa, xb = self.trials.x[self.labels == a], self.trials.x[self.labels == b]
@@ -78,8 +89,8 @@ class Repairer:
         for p in self.parts:
             foreign = owner != p
             first = np.where(foreign.any(axis=1), foreign.argmax(axis=1), 7)
-            u = target[d[np.arange(len(d)), first] > self.config.unexplained]
-            out[p] = u[:: max(1, len(u) // self.config.max_unexplained)]
+            u = target[d[np.arange(len(d)), first] > UNEXPLAINED]
+            out[p] = u[:: max(1, len(u) // MAX_UNEXPLAINED)]
         return out
 
     def backward(self, p: int, T: Array, points: Array) -> Array:
@@ -88,8 +99,8 @@ class Repairer:
             return np.zeros(len(T))
         tree = search_tree(self.trials.x[self.labels == p])
         back = transform(inverse(T)[:, None], points[None])
-        d = nearest(tree, back.reshape(-1, 3), within=self.config.reach)[0].reshape(len(T), -1)
-        return np.minimum(d, self.config.reach).sum(axis=1) * self.config.backward_weight / max(tree.n, 20)
+        d = nearest(tree, back.reshape(-1, 3), within=REACH)[0].reshape(len(T), -1)
+        return np.minimum(d, REACH).sum(axis=1) * BACKWARD_WEIGHT / max(tree.n, 20)
 
     def starts(self, f: int, u: int, p: int, extra: list[Array]) -> list[Array]:
         """Own pose, velocity, what the neighbours do, other trajectories. u: the frame before f, seen outwards."""
@@ -108,9 +119,9 @@ class Repairer:
             poses = carried @ about(self.ball, self.pivots[p, b])
             point, body = flatten([self.few[p]] * len(poses))
             cost = mean_by(body, self.trials.cost(f, point, body, poses), len(poses))
-            short = np.argsort(cost, kind="stable")[: 8 * self.config.pivot_keep]
+            short = np.argsort(cost, kind="stable")[: 8 * PIVOT_KEEP]
             cost = cost[short] + self.backward(p, poses[short], unexplained)
-            out += list(poses[short[np.argsort(cost, kind="stable")[: self.config.pivot_keep]]])
+            out += list(poses[short[np.argsort(cost, kind="stable")[:PIVOT_KEEP]]])
         return out
 
     def suspicious(self, f: int, unexplained: dict[int, Array]) -> list[int]:
@@ -122,7 +133,7 @@ class Repairer:
             cost = self.trials.cost(f, own, body, self.T[f, [p]]).mean()
             cost += float(self.backward(p, self.T[f, [p]], unexplained[p])[0])
             self.usual[p] = min(self.usual.get(p, np.inf), cost)
-            if cost > self.config.suspicion * self.usual[p] or f in self.neighbours_of_canonical:
+            if cost > SUSPICION * self.usual[p] or f in self.neighbours_of_canonical:
                 out.append(p)
         return out
 
@@ -144,7 +155,7 @@ class Repairer:
             back = self.backward(p, np.concatenate([T1[rows], T0[k : k + 1]]), unexplained[p])
             score = after[rows] + back[:-1]
             best = int(score.argmin())
-            if best > 0 and score[best] < score[0] - self.config.margin:
+            if best > 0 and score[best] < score[0] - MARGIN:
                 self.T[f, p] = T1[k + best]
                 changed += 1
             elif score[0] < before[k] + back[-1]:
@@ -163,14 +174,13 @@ def repair_poses(
     frames: Frames,
     canonical: int,
     model: Relaxed,
-    config: RepairConfig,
     rng: np.random.Generator,
     extra: dict[int, list[Array]] | None = None,
     turn: bool = True,
     told: Told = untold,
 ) -> Relaxed:
     """From the canonical frame outwards, restart every part; another pose is taken when it is better by the margin."""
-    repairer = Repairer(frames, canonical, model, config, rng)
+    repairer = Repairer(frames, canonical, model, rng)
     if repairer.parts:
         for done, (f, before) in enumerate(outwards(canonical, frames.n_frames), start=1):
             repairer.repair_frame(f, before, extra or {}, turn)

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from rearticulate.config import RestConfig
 from rearticulate.geometry.nearest import nearest
 from rearticulate.observe.frames import Frames
 from rearticulate.parts.relaxed import Relaxed, spread_labels
@@ -16,8 +15,14 @@ from rearticulate.parts.trial import Trials
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
+MOTION = 1.0  # spacings; only when every part moves more than this ...
+MINIMUM_PART = 40  # ... that has more points than this
+EXCESS = 0.05  # spacings; standing still may cost a point this much more
+MINIMUM_POINTS = 60  # of the part at rest
+CARRIED = 3.0  # spacings; its points must have been carried farther than this
 
-def part_at_rest(frames: Frames, canonical: int, model: Relaxed, config: RestConfig) -> Relaxed:
+
+def part_at_rest(frames: Frames, canonical: int, model: Relaxed) -> Relaxed:
     """When every part moves, the points that standing still explains as well become a part of their own.
 
     A body of revolution that carries a turning link is dragged along by it, for nothing in its motion says otherwise.
@@ -27,7 +32,7 @@ def part_at_rest(frames: Frames, canonical: int, model: Relaxed, config: RestCon
     travel = np.linalg.norm(model.moved_points(frames, canonical) - trials.x, axis=-1).mean(axis=0)
     counts = np.bincount(labels, minlength=model.n_parts)
     mean = np.bincount(labels, travel, minlength=model.n_parts) / np.maximum(counts, 1)
-    if mean[counts > config.minimum_part].min(initial=np.inf) < config.motion:
+    if mean[counts > MINIMUM_PART].min(initial=np.inf) < MOTION:
         return model
     everyone, still = np.arange(len(labels)), np.eye(4)[None]
     excess = np.mean(
@@ -38,9 +43,9 @@ def part_at_rest(frames: Frames, canonical: int, model: Relaxed, config: RestCon
         axis=0,
     )
     tree = frames.trees[canonical]
-    calm = excess[nearest(tree, tree.data, k=min(30, tree.n))[1]].mean(axis=1) < config.excess
+    calm = excess[nearest(tree, tree.data, k=min(30, tree.n))[1]].mean(axis=1) < EXCESS
     chosen = largest_region(trials.x, trials.near[:, :8], calm)
-    if chosen.sum() < config.minimum_points or travel[chosen].mean() < config.carried:
+    if chosen.sum() < MINIMUM_POINTS or travel[chosen].mean() < CARRIED:
         return model
     T = np.concatenate([model.T, np.tile(np.eye(4), (len(model.T), 1, 1, 1))], axis=1)
     labels = np.where(chosen, model.n_parts, labels)

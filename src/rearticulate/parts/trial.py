@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.config import TrialConfig
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import rotate, transform
 from rearticulate.observe.frames import Frames
@@ -19,6 +18,9 @@ IntArray = NDArray[np.integer]
 Pair = tuple[int, int]
 
 BODY_SCHEDULE = Schedule(iterations=8, sigma=2.2, sigma_end=0.56)
+SUBSET = 90  # points of a part that take part in a trial (`Trials.subset`)
+GAP = 4.0  # spacings; parts closer than this may be tried
+BORDER = 0.5  # what a border as long as the smaller part has points is worth when pairs compete
 
 
 class Trials:
@@ -135,7 +137,6 @@ def trial_merge(
     frames: Frames,
     canonical: int,
     model: Relaxed,
-    config: TrialConfig,
     threshold: float,
     rng: np.random.Generator,
     told: Told = untold,
@@ -148,16 +149,16 @@ def trial_merge(
     labels, T = model.labels[frames.rows(canonical)].copy(), model.T.copy()
     into = np.arange(model.n_parts)
     parts = [p for p in range(model.n_parts) if (labels == p).sum() > 3]
-    subsets = {p: trials.subset(labels, p, config.subset) for p in parts}
+    subsets = {p: trials.subset(labels, p, SUBSET) for p in parts}
     own = own_cost(trials, T, parts, subsets)
-    pairs = _candidates(trials, labels, parts, config.gap)
+    pairs = _candidates(trials, labels, parts, GAP)
     first, later = steps(told, 2)
     scores = try_pairs(trials, T, sorted(pairs), subsets, own, first) if pairs else {}
     for _ in rounds(later):
         border = shared_border(trials.near[:, :8], labels, model.n_parts)
         counts = np.bincount(labels, minlength=model.n_parts)
         rank = {
-            (a, b): score - config.border * border[a, b] / min(counts[a], counts[b])
+            (a, b): score - BORDER * border[a, b] / min(counts[a], counts[b])
             for (a, b), (score, _) in scores.items()
             if score < threshold
         }
@@ -175,7 +176,7 @@ def trial_merge(
         merged = {b: a for a, b in chosen}
         touched = {a for a, _ in chosen}
         for a in touched:
-            subsets[a] = trials.subset(labels, a, config.subset)
+            subsets[a] = trials.subset(labels, a, SUBSET)
         own.update(own_cost(trials, T, sorted(touched), subsets))
         renamed = {
             (min(p, q), max(p, q)) for p, q in ((merged.get(a, a), merged.get(b, b)) for a, b in scores) if p != q

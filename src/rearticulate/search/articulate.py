@@ -51,8 +51,8 @@ def articulate(
     """
     labeller = labeller.with_noise(surface_noise(frames, canonical, relaxed.T, relaxed.labels))
     first, *tries, last = steps(lambda done: progress("articulate", done), HYPOTHESES + 2)
-    model = merge_resting(frames, canonical, relaxed, config.project)
-    start = project(frames, canonical, model, config.project, rng, first)
+    model = merge_resting(frames, canonical, relaxed, config.rest_chi2)
+    start = project(frames, canonical, model, config, rng, first)
     best, lowest = None, np.inf
     for one_try in tries if relaxed.found <= config.max_parts else tries[:1]:
         structure, motion = steps(one_try, 2)
@@ -71,7 +71,7 @@ def articulate(
     step = steps(last, 3)
     parts, belief = labeller.fine(Relaxed(tree.forward(), best.labels), None, next(step))
     parts, _ = labeller.fine(parts, belief, next(step))
-    labels = cut_seams(frames, tree, parts.labels, labeller.config, config.seam)
+    labels = cut_seams(frames, tree, parts.labels, labeller.thickness)
     fine = last_sigma(surface_noise(frames, canonical, tree.forward(), labels))
     tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA, fine, fine), True, told=next(step))
     progress("articulate", 1.0)
@@ -123,9 +123,9 @@ def adjust(
         )
     hypothesis = hypotheses[0] if len(hypotheses) == 1 else best_of_both(frames, hypotheses, start.hidden)
     hypothesis = alternate(frames, canonical, hypothesis, labeller, config, MORE_ROUNDS, next(step))
-    tree, _ = repair_joints(frames, canonical, hypothesis.tree, hypothesis.labels, config.repair, rng, next(step))
+    tree, _ = repair_joints(frames, canonical, hypothesis.tree, hypothesis.labels, rng, next(step))
     tree = bundle_adjust(frames, canonical, tree, hypothesis.labels, (SIGMA,), told=next(step))
-    tree, labels, value = simplify(frames, canonical, tree, hypothesis.labels, config.project, next(step))
+    tree, labels, value = simplify(frames, canonical, tree, hypothesis.labels, next(step))
     return Hypothesis(tree, labels), value
 
 
@@ -161,7 +161,7 @@ def alternate(
         label, adjustment = steps(each_round, 2)
         parts, belief = labeller.fine(Relaxed(hypothesis.tree.forward(), hypothesis.labels), hypothesis.belief, label)
         changed = np.mean(parts.labels != hypothesis.labels)
-        labels = cut_seams(frames, hypothesis.tree, parts.labels, labeller.config, config.seam, only_empty=True)
+        labels = cut_seams(frames, hypothesis.tree, parts.labels, labeller.thickness, only_empty=True)
         hypothesis = Hypothesis(
             bundle_adjust(frames, canonical, hypothesis.tree, labels, (SIGMA,), told=adjustment), labels, belief
         )
@@ -181,15 +181,15 @@ def restructure(
     told: Told = untold,
 ) -> Projection:
     """A new hypothesis from accurate motions: links without points go, parts move freely, the tree is built anew."""
-    model = drop_small(frames, Relaxed(tree.forward(), labels), config.label.minimum_support)
+    model = drop_small(frames, Relaxed(tree.forward(), labels), config.minimum_support)
     model = largest_parts(frames, model, config.max_parts)
     rows = frames.rows(canonical)
     shared = np.zeros((model.n_parts, relaxed.n_parts))
     np.add.at(shared, (model.labels[rows], relaxed.labels[rows]), 1)
     earlier = {p: [relaxed.T[:, int(shared[p].argmax())]] for p in range(model.n_parts) if shared[p].any()}
     step = steps(told, 3)
-    model = repair_poses(frames, canonical, model, config.repair, rng, earlier, False, next(step))
+    model = repair_poses(frames, canonical, model, rng, earlier, False, next(step))
     model = register_to_fused(frames, canonical, model, 0.37)
-    model = trial_merge(frames, canonical, model, config.trial, config.trial.threshold, rng, next(step))
-    model = merge_resting(frames, canonical, model, config.project)
-    return project(frames, canonical, model, config.project, rng, next(step))
+    model = trial_merge(frames, canonical, model, config.merge_threshold, rng, next(step))
+    model = merge_resting(frames, canonical, model, config.rest_chi2)
+    return project(frames, canonical, model, config, rng, next(step))

@@ -32,6 +32,7 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 WIDE = Schedule(iterations=8, sigma=1.5, sigma_end=0.56, point_share=0.05, max_distance=5.6)
+FIRST_THRESHOLD = 0.03  # as `FitConfig.merge_threshold`, while the motions are rough
 NARROW = Schedule(iterations=8, sigma=0.93, sigma_end=0.37, point_share=0.05, max_distance=5.6)
 
 
@@ -44,28 +45,28 @@ def relax(
     progress: Callable[[str, float], None],
 ) -> Relaxed:
     """Track, over-segment, merge by trial, repair, label; twice coarsely and twice by sheets, all before any tree."""
-    tracks = track_patches(frames, canonical, config.track, lambda done: progress("track", done))
-    labels, T = cluster(tracks, config.cluster)
+    tracks = track_patches(frames, canonical, config, lambda done: progress("track", done))
+    labels, T = cluster(tracks, config.fragment_penalty, config.max_fragments)
     model = Relaxed(T, spread_labels(frames, canonical, T, labels))
     step = steps(lambda done: progress("segment", done), 12)
     model = register_to_frames(frames, canonical, model, WIDE, next(step))
-    model = trial_merge(frames, canonical, model, config.trial, config.trial.threshold_first, rng, next(step))
+    model = trial_merge(frames, canonical, model, FIRST_THRESHOLD, rng, next(step))
     found, model = model.n_parts, largest_parts(frames, model, config.max_parts)
-    model = repair_poses(frames, canonical, model, config.repair, rng, told=next(step))
-    model = part_at_rest(frames, canonical, model, config.rest)
+    model = repair_poses(frames, canonical, model, rng, told=next(step))
+    model = part_at_rest(frames, canonical, model)
     for _ in range(2):
         model = register_to_frames(frames, canonical, model, NARROW, next(step))
-        model = labeller.coarse(register_to_fused(frames, canonical, model), config.label.candidate_radius, next(step))
-    model = trial_merge(frames, canonical, model, config.trial, config.trial.threshold, rng, next(step))
-    model = repair_poses(frames, canonical, model, config.repair, rng, told=next(step))
+        model = labeller.coarse(register_to_fused(frames, canonical, model), config.minimum_points, next(step))
+    model = trial_merge(frames, canonical, model, config.merge_threshold, rng, next(step))
+    model = repair_poses(frames, canonical, model, rng, told=next(step))
     belief = None
     labeller = labeller.with_noise(surface_noise(frames, canonical, model.T, model.labels))
     for i in range(2):
         model, belief = labeller.fine(register_to_fused(frames, canonical, model, 0.47), belief, next(step))
         before = model.n_parts
-        model = drop_small(frames, model, config.label.minimum_points / 2)
+        model = drop_small(frames, model, config.minimum_points / 2)
         if i == 0:
-            model = trial_merge(frames, canonical, model, config.trial, config.trial.threshold, rng, next(step))
+            model = trial_merge(frames, canonical, model, config.merge_threshold, rng, next(step))
         belief = belief if model.n_parts == before else None
     progress("segment", 1.0)
     return replace(register_to_fused(frames, canonical, model), found=found)

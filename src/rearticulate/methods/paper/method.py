@@ -29,7 +29,7 @@ def articulate_paper(problem: Problem, relaxed: Relaxed, rng: np.random.Generato
     progress("project", 0.0)
     model = merge_still(frames, canonical, relaxed, config.deviation, lambda done: progress("project", 0.5 * done))
     progress("project", 0.5)
-    root = choose_root(frames, canonical, model, config.project)
+    root = choose_root(frames, canonical, model)
     if config.deviation.joints == "ball":
         start, labels, cost = project_balls(frames, canonical, model, config.deviation, root)
     else:
