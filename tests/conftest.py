@@ -15,8 +15,8 @@ settings.load_profile("quick")
 
 SLOW = (  # whole fits, browsers, thousands of files, fresh processes: all others take less than a minute together
     *("atomic", "bounds", "examples", "export", "export_command", "extras", "fit", "gate", "hostile"),
-    *("hostile_names", "incomplete", "localization", "matched_starts", "paper_relax", "parallel", "posing_commands"),
-    *("public_names", "shape", "spherical", "training", "view"),
+    *("hostile_names", "incomplete", "localization", "matched_starts", "mechanisms", "paper_relax", "parallel"),
+    *("posing_commands", "public_names", "shape", "spherical", "training", "view"),
 )
 
 

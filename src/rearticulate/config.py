@@ -14,7 +14,19 @@ from rearticulate.bounds import Bounds, Count, CountOrZero, NotNegative, Positiv
 from rearticulate.errors import InputError
 from rearticulate.jsons import read_json
 
-Mechanism = Literal["network"]
+Mechanism = Literal[
+    "network",  # matches of the correspondence network, as a start of the tracking where a frame fits badly
+    "pose repair",  # restarts of lost parts before there is a tree
+    "part at rest",  # points that stand still, where a body of revolution hides them
+    "small middles",  # a small part as the middle link of a chain between its neighbours
+    "hidden links",  # links without points of their own
+    "joint repair",  # restarts and sweeps of joints, under a tree
+    "simplify",  # joints that the data do not need are fixed
+    "second look",  # other structures than the first, from more accurate motions
+    "pose repair of the second look",
+    "seams",  # plane borders across the axes of hinges
+    "incomplete frames",  # frames that show only a part of the object take no part in finding the structure
+]
 Mechanisms = Annotated[tuple[Mechanism, ...], Bounds(0)]
 MECHANISMS: tuple[Mechanism, ...] = get_args(Mechanism)
 

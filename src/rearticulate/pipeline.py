@@ -83,7 +83,8 @@ def fit(
     chosen = [working_rows(len(p), config.working_points, rng) for p in sequence.points]
     frames = make_frames([p[rows] for p, rows in zip(sequence.points, chosen, strict=True)])
     known = complete_frames(np.diff(frames.start))
-    if (canonical is not None and canonical not in known) or config.deviation.joints == "ball":
+    left_out = canonical is not None and canonical not in known
+    if left_out or config.deviation.joints == "ball" or not config.uses("incomplete frames"):
         known = np.arange(F)
     clock("prepare", 0.5)
     shown = frames.take(known)

@@ -129,7 +129,7 @@ def tree_costs(
     one = evidence.reduced(fit_joints(evidence, a, b, config.slide_margin).cost, 1)
     best = np.log1p(one)
     series = np.flatnonzero((one > config.joint_chi2) & (gap[a, b] < GAP_SERIES))
-    if len(series):
+    if len(series) and config.uses("hidden links"):
         A, W = relative_motion(evidence.T, evidence.H, a[series], b[series], evidence.canonical)
         contact = np.stack([contact_point(evidence, int(p), int(q)) for p, q in zip(a[series], b[series], strict=True)])
         two = evidence.reduced(fit_series(A, W, contact, 2, evidence.canonical, starts=3).cost, 2)
@@ -193,11 +193,13 @@ def project(
     }
     x = {int(c): float(x1[i]) for i, c in enumerate(child)}
     r = {int(c): float(rms[i]) for i, c in enumerate(child)}
-    _replace_small_middles(evidence, model, links, x, config.joint_chi2)
+    if config.uses("small middles"):
+        _replace_small_middles(evidence, model, links, x, config.joint_chi2)
     n_links = P
     reaches = (LINK_NEAR, LINK_FAR)
     starts = [model.labels.copy() for _ in reaches]
-    for c, each in zip([int(c) for c in child], steps(chains, P - 1), strict=True):
+    hanging = [int(c) for c in child] if config.uses("hidden links") else []
+    for c, each in zip(hanging, steps(chains, len(hanging)), strict=True):
         each(0.0)
         link = links[c]
         chain, contact = hidden_links(evidence, c, link.parent, x[c], r[c], config.joint_chi2)

@@ -54,7 +54,8 @@ def articulate(
     model = merge_resting(frames, canonical, relaxed, config.rest_chi2)
     start = project(frames, canonical, model, config, rng, first)
     best, lowest = None, np.inf
-    for one_try in tries if relaxed.found <= config.max_parts else tries[:1]:
+    only_one = relaxed.found > config.max_parts or not config.uses("second look")
+    for one_try in tries[:1] if only_one else tries:
         structure, motion = steps(one_try, 2)
         if best is not None:
             start = restructure(frames, canonical, best.tree, best.labels, relaxed, config, rng, structure)
@@ -71,7 +72,9 @@ def articulate(
     step = steps(last, 3)
     parts, belief = labeller.fine(Relaxed(tree.forward(), best.labels), None, next(step))
     parts, _ = labeller.fine(parts, belief, next(step))
-    labels = cut_seams(frames, tree, parts.labels, labeller.thickness)
+    labels = parts.labels
+    if config.uses("seams"):
+        labels = cut_seams(frames, tree, labels, labeller.thickness)
     fine = last_sigma(surface_noise(frames, canonical, tree.forward(), labels))
     tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA, fine, fine), True, told=next(step))
     progress("articulate", 1.0)
@@ -123,9 +126,13 @@ def adjust(
         )
     hypothesis = hypotheses[0] if len(hypotheses) == 1 else best_of_both(frames, hypotheses, start.hidden)
     hypothesis = alternate(frames, canonical, hypothesis, labeller, config, MORE_ROUNDS, next(step))
-    tree, _ = repair_joints(frames, canonical, hypothesis.tree, hypothesis.labels, rng, next(step))
-    tree = bundle_adjust(frames, canonical, tree, hypothesis.labels, (SIGMA,), told=next(step))
-    tree, labels, value = simplify(frames, canonical, tree, hypothesis.labels, next(step))
+    tree, labels = hypothesis.tree, hypothesis.labels
+    if config.uses("joint repair"):
+        tree, _ = repair_joints(frames, canonical, tree, labels, rng, next(step))
+    tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,), told=next(step))
+    if not config.uses("simplify"):
+        return Hypothesis(tree, labels), energy(frames, tree.forward(), labels)
+    tree, labels, value = simplify(frames, canonical, tree, labels, next(step))
     return Hypothesis(tree, labels), value
 
 
@@ -161,7 +168,9 @@ def alternate(
         label, adjustment = steps(each_round, 2)
         parts, belief = labeller.fine(Relaxed(hypothesis.tree.forward(), hypothesis.labels), hypothesis.belief, label)
         changed = np.mean(parts.labels != hypothesis.labels)
-        labels = cut_seams(frames, hypothesis.tree, parts.labels, labeller.thickness, only_empty=True)
+        labels = parts.labels
+        if config.uses("seams"):
+            labels = cut_seams(frames, hypothesis.tree, labels, labeller.thickness, only_empty=True)
         hypothesis = Hypothesis(
             bundle_adjust(frames, canonical, hypothesis.tree, labels, (SIGMA,), told=adjustment), labels, belief
         )
@@ -188,7 +197,8 @@ def restructure(
     np.add.at(shared, (model.labels[rows], relaxed.labels[rows]), 1)
     earlier = {p: [relaxed.T[:, int(shared[p].argmax())]] for p in range(model.n_parts) if shared[p].any()}
     step = steps(told, 3)
-    model = repair_poses(frames, canonical, model, rng, earlier, False, next(step))
+    if config.uses("pose repair of the second look"):
+        model = repair_poses(frames, canonical, model, rng, earlier, False, next(step))
     model = register_to_fused(frames, canonical, model, 0.37)
     model = trial_merge(frames, canonical, model, config.merge_threshold, rng, next(step))
     model = merge_resting(frames, canonical, model, config.rest_chi2)

@@ -52,13 +52,16 @@ def relax(
     model = register_to_frames(frames, canonical, model, WIDE, next(step))
     model = trial_merge(frames, canonical, model, FIRST_THRESHOLD, rng, next(step))
     found, model = model.n_parts, largest_parts(frames, model, config.max_parts)
-    model = repair_poses(frames, canonical, model, rng, told=next(step))
-    model = part_at_rest(frames, canonical, model)
+    if config.uses("pose repair"):
+        model = repair_poses(frames, canonical, model, rng, told=next(step))
+    if config.uses("part at rest"):
+        model = part_at_rest(frames, canonical, model)
     for _ in range(2):
         model = register_to_frames(frames, canonical, model, NARROW, next(step))
         model = labeller.coarse(register_to_fused(frames, canonical, model), config.minimum_points, next(step))
     model = trial_merge(frames, canonical, model, config.merge_threshold, rng, next(step))
-    model = repair_poses(frames, canonical, model, rng, told=next(step))
+    if config.uses("pose repair"):
+        model = repair_poses(frames, canonical, model, rng, told=next(step))
     belief = None
     labeller = labeller.with_noise(surface_noise(frames, canonical, model.T, model.labels))
     for i in range(2):
