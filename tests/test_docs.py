@@ -20,8 +20,9 @@ DEFINED = (ast.FunctionDef, ast.ClassDef)
 def defined(path: Path) -> set[str]:
     """Functions, classes, their methods, and constants of a module."""
     nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
-    constants = {t.id for n in nodes if isinstance(n, ast.Assign) for t in n.targets if isinstance(t, ast.Name)}
-    return constants | {n.name for n in nodes if isinstance(n, DEFINED)}
+    targets = [t for n in nodes if isinstance(n, ast.Assign) for t in n.targets]
+    targets += [n.target for n in nodes if isinstance(n, ast.AnnAssign)]
+    return {t.id for t in targets if isinstance(t, ast.Name)} | {n.name for n in nodes if isinstance(n, DEFINED)}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
