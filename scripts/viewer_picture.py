@@ -12,20 +12,20 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import sync_playwright
 
-from rearticulate.commands.viewing import open_stage
+from rearticulate.commands.viewing import open_viewer
 
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
 
 if __name__ == "__main__":
     result, picture = sys.argv[1:]
     chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))))
-    stage = open_stage([Path(result)], "127.0.0.1", 0, "z")
-    actor, hand = stage.actors[0], stage.controls[0].hand
-    hand.drag_to(hand.position + 0.12 * actor.size * np.array([0.5, 0.0, 1.0]))
+    viewer = open_viewer([Path(result)], "127.0.0.1", 0, "z")
+    posed, handle = viewer.models[0], viewer.controls[0].handle
+    handle.drag_to(handle.position + 0.12 * posed.size * np.array([0.5, 0.0, 1.0]))
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
         page = browser.new_page(viewport={"width": 1200, "height": 760})
-        page.goto(f"http://127.0.0.1:{stage.server.get_port()}")
+        page.goto(f"http://127.0.0.1:{viewer.server.get_port()}")
         page.get_by_text("Recording").first.wait_for(timeout=60_000)
         page.wait_for_timeout(8000)
         close = page.locator(".mantine-Notification-closeButton")
@@ -34,4 +34,4 @@ if __name__ == "__main__":
         page.wait_for_timeout(1000)
         page.screenshot(path=picture)
         browser.close()
-    stage.server.stop()
+    viewer.server.stop()

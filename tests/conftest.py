@@ -14,9 +14,9 @@ settings.register_profile("quick", max_examples=25, deadline=None, derandomize=T
 settings.load_profile("quick")
 
 SLOW = (  # whole fits, browsers, thousands of files, fresh processes: all others take less than a minute together
-    *("atomic", "bounds", "examples", "export", "export_command", "extras", "fit", "gate", "guess", "hostile"),
-    *("hostile_names", "incomplete", "network_training", "neural_relax", "parallel", "posing_commands", "public_names"),
-    *("shape", "spherical", "track", "view"),
+    *("atomic", "bounds", "examples", "export", "export_command", "extras", "fit", "gate", "hostile"),
+    *("hostile_names", "incomplete", "localization", "matched_starts", "mechanisms", "paper_relax", "parallel"),
+    *("posing_commands", "public_names", "shape", "spherical", "training", "view"),
 )
 
 

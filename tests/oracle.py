@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rearticulate.geometry.se3 import exp_se3, inverse, log_se3
+from rearticulate.observe.frames import Frames
 from rearticulate.records import (
     Array,
     FitResult,
@@ -17,7 +18,6 @@ from rearticulate.records import (
     Motion,
     PointSequence,
 )
-from rearticulate.solver.frames import Frames
 
 
 def read_pair(path: Path) -> tuple[PointSequence, GroundTruth]:

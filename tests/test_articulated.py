@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from oracle import random_model
 from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, log_se3
-from rearticulate.solver.articulated import (
+from rearticulate.joints.articulated import (
     MAX_STEP,
     Articulated,
     apply_step,

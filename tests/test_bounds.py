@@ -8,15 +8,15 @@ from itertools import groupby, pairwise
 import numpy as np
 import pytest
 
-from rearticulate.config import ClusterConfig, FitConfig
+from rearticulate.config import FitConfig
 from rearticulate.pipeline import fit
+from rearticulate.progress import rounds, steps
 from rearticulate.records import FitResult, PointSequence
-from rearticulate.solver.progress import rounds, steps
 from rearticulate.synth import objects
 from rearticulate.synth.articulated import record
 
 Calls = list[tuple[str, float]]
-FEW = FitConfig(canonical_tries=1, max_parts=6, cluster=ClusterConfig(max_parts=12))
+FEW = FitConfig(canonical_tries=1, max_parts=6, max_fragments=12)
 
 
 def soft(frames: int = 6, points: int = 1500) -> PointSequence:
@@ -40,7 +40,7 @@ def bent() -> tuple[FitResult, Calls]:
 def test_what_has_no_rigid_parts_stops_at_so_many_and_says_so(bent: tuple[FitResult, Calls]) -> None:
     result, _ = bent
     assert result.relaxed is not None and result.relaxed.T_world_part.shape[1] <= FEW.max_parts + 1
-    assert result.model.n_parts <= FEW.max_parts + 1 + FEW.project.max_hidden
+    assert result.model.n_parts <= FEW.max_parts + 1 + FEW.max_hidden
     assert len(result.notes) == 1 and result.notes[0].startswith("stopped at 6 of ")
     assert not any(joint.determined for joint in result.joints[1:])
 

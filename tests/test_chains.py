@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, log_se3
-from rearticulate.solver.articulated import normalise_twists
-from rearticulate.solver.chains import (
+from rearticulate.joints.articulated import normalise_twists
+from rearticulate.joints.chains import (
     fit_chain,
     fit_prismatic,
     fit_revolute,

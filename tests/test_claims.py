@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rearticulate.joints.claims import Claim, doubts, least_range
+from rearticulate.observe.scale import Scales
 from rearticulate.results import few_states, other_scales
-from rearticulate.solver.claims import Claim, doubts, least_range
-from rearticulate.solver.scale import Scales
 
 DOOR = Claim(
     frames=6,

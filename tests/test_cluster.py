@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rearticulate.config import ClusterConfig, TrackConfig
+from rearticulate.config import FitConfig
 from rearticulate.evaluation.clustering import rand_index
 from rearticulate.geometry.se3 import exp_se3, transform
-from rearticulate.solver.cluster import adjacent_labels, cluster, moments
-from rearticulate.solver.track import Tracks, make_patches
+from rearticulate.parts import patches
+from rearticulate.parts.cluster import adjacent_labels, cluster, moments
 
 
 def scattered(seed=0, noise=0.3):
@@ -76,21 +76,28 @@ def test_labels_touch_along_a_line():
     assert adjacent_labels(points, np.arange(40) // 10, neighbours=3) == {(0, 1), (1, 2), (2, 3)}
 
 
+@pytest.fixture(autouse=True)
+def few_patches(monkeypatch):
+    """Patches of twenty points."""
+    monkeypatch.setattr(patches, "MIN_NODES", 60)
+    monkeypatch.setattr(patches, "MAX_NODES", 60)
+
+
 def plate(bend):
     """A plate of 1200 points whose right half turns by `bend` a frame about the middle line, perfectly tracked."""
     rng = np.random.default_rng(2)
     points = np.column_stack([rng.uniform(0, 40, 1200), rng.uniform(0, 30, 1200), np.zeros(1200)])
-    patches = make_patches(points, np.tile([0.0, 0, 1], (1200, 1)), TrackConfig(min_nodes=60, max_nodes=60))
-    centre = np.stack([points[patches.owner == k].mean(axis=0) for k in range(patches.count)])
+    whole = patches.make_patches(points, np.tile([0.0, 0, 1], (1200, 1)))
+    centre = np.stack([points[whole.owner == k].mean(axis=0) for k in range(whole.count)])
     half = (centre[:, 0] > 20).astype(int)
     motion = exp_se3(np.arange(4)[:, None] * bend * np.array([0, 1.0, 0, 0, 0, 20]))
     both = np.stack([np.tile(np.eye(4), (4, 1, 1)), motion], axis=1)
-    return Tracks(patches, both[:, half]), half[patches.owner], both
+    return patches.Tracks(whole, both[:, half]), half[whole.owner], both
 
 
 def test_two_halves_that_move_rigidly_become_two_clusters():
     tracks, half, motion = plate(0.3)
-    labels, T = cluster(tracks, ClusterConfig())
+    labels, T = cluster(tracks, FitConfig().fragment_penalty, FitConfig().max_fragments)
     assert T.shape == (4, 2, 4, 4)
     assert rand_index(labels, half) == 1.0
     np.testing.assert_allclose(T[:, [labels[half == 0][0], labels[half == 1][0]]], motion, atol=1e-9)
@@ -98,6 +105,6 @@ def test_two_halves_that_move_rigidly_become_two_clusters():
 
 def test_a_plate_at_rest_becomes_one_cluster():
     tracks, _, _ = plate(0.0)
-    labels, T = cluster(tracks, ClusterConfig())
+    labels, T = cluster(tracks, FitConfig().fragment_penalty, FitConfig().max_fragments)
     assert (labels == 0).all()
     np.testing.assert_allclose(T[:, 0], np.tile(np.eye(4), (4, 1, 1)), atol=1e-9)

@@ -9,9 +9,9 @@ from typing import get_type_hints
 import numpy as np
 import pytest
 
-from rearticulate.config import PRESETS, FitConfig, load_config, preset
+from rearticulate.config import MECHANISMS, PRESETS, FitConfig, NeuralConfig, load_config, preset
 from rearticulate.errors import InputError
-from rearticulate.network.pairs import PairConfig
+from rearticulate.training.pairs import PairConfig
 
 
 def written(folder, values):
@@ -21,9 +21,9 @@ def written(folder, values):
 
 
 def test_a_file_changes_what_it_names(tmp_path):
-    config = load_config(written(tmp_path, {"working_points": 900, "track": {"sigma": 20}}))
-    assert config == replace(FitConfig(), working_points=900, track=replace(FitConfig().track, sigma=20.0))
-    assert isinstance(config.track.sigma, float)
+    config = load_config(written(tmp_path, {"working_points": 900, "neural": {"radius": 20}}))
+    assert config == replace(FitConfig(), working_points=900, neural=NeuralConfig(radius=20.0))
+    assert isinstance(config.neural.radius, float)
     base = FitConfig(canonical_tries=1)
     assert load_config(written(tmp_path, {}), base) == base
 
@@ -32,8 +32,8 @@ def test_a_file_changes_what_it_names(tmp_path):
     "values, message",
     [
         ({"working_point": 900}, "unknown setting 'working_point'"),
-        ({"track": {"sigmas": 1}}, "track: unknown setting 'sigmas'"),
-        ({"track": 3}, "an object of settings is needed"),
+        ({"neural": {"radii": 1}}, "neural: unknown setting 'radii'"),
+        ({"neural": 3}, "an object of settings is needed"),
         ({"working_points": "many"}, "working_points must be a whole number"),
         ({"working_points": True}, "working_points must be a whole number"),
         ([], "an object of settings is needed"),
@@ -43,6 +43,19 @@ def test_a_file_changes_what_it_names(tmp_path):
 def test_what_is_wrong_is_named(tmp_path, values, message):
     with pytest.raises(InputError, match=message):
         load_config(written(tmp_path, values))
+
+
+def test_mechanisms_are_left_out_by_name(tmp_path):
+    assert FitConfig().without == () and all(FitConfig().uses(name) for name in MECHANISMS)
+    config = load_config(written(tmp_path, {"without": ["network"]}))
+    assert config == FitConfig(without=("network",)) and not config.uses("network")
+    assert load_config(written(tmp_path, {"without": []}), config) == FitConfig()
+    for wrong in (["networks"], [3], [["network"]], "network", None):
+        with pytest.raises(InputError, match="without must be") as caught:
+            load_config(written(tmp_path, {"without": wrong}))
+        assert "\n" not in str(caught.value)
+    with pytest.raises(InputError, match=f"without must be one of {', '.join(MECHANISMS)}, not 'x'"):
+        FitConfig(without=("x",))
 
 
 def test_a_missing_file_is_an_input_error(tmp_path):
@@ -81,8 +94,8 @@ def test_every_number_has_bounds(owner, name, bounds):
 
 
 def test_settings_of_another_class_are_refused(tmp_path):
-    with pytest.raises(InputError, match="track must be a TrackConfig"):
-        FitConfig(track={"iterations": 5})
+    with pytest.raises(InputError, match="neural must be a NeuralConfig"):
+        FitConfig(neural={"parts": 5})
     for text in (
         '{"a":' * 100_000 + "1" + "}" * 100_000,
         '{"working_points": NaN}',

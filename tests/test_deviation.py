@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from oracle import in_spacings, read_pair
-from rearticulate.config import DeviationConfig, ProjectConfig
+from rearticulate.config import DeviationConfig
 from rearticulate.evaluation.tree_distance import tree_edit_distance
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
-from rearticulate.solver.deviation import centred, merge_still, project_deviation
-from rearticulate.solver.frames import make_frames
-from rearticulate.solver.relaxed import Relaxed
-from rearticulate.solver.tree import choose_root
+from rearticulate.joints.deviation import centred, merge_still, project_deviation
+from rearticulate.joints.tree import choose_root
+from rearticulate.observe.frames import make_frames
+from rearticulate.parts.relaxed import Relaxed
 from rearticulate.synth.articulated import record
 from rearticulate.synth.objects import arm, cabinet
 
@@ -31,7 +31,7 @@ def true_model(sequence, truth, canonical=2, shuffle=None):
 
 
 def project_all(frames, model, canonical=2):
-    root = choose_root(frames, canonical, model, ProjectConfig())
+    root = choose_root(frames, canonical, model)
     projection, cost = project_deviation(frames, canonical, model, CONFIG, root)
     return projection.tree, projection.starts[0], cost
 
@@ -89,7 +89,7 @@ def test_the_deviation_is_that_of_the_matrices():
     small[2] = np.eye(4)
     twin = Relaxed(np.stack([model.T[:, 0], model.T[:, 0] @ small], axis=1), model.labels % 2)
     parts = centred(frames, 2, twin, CONFIG.radius)
-    from rearticulate.solver.chains import rest_cost
+    from rearticulate.joints.chains import rest_cost
 
     measured = parts.deviation(rest_cost(*parts.relative(np.array([1]), np.array([0]))))[0]
     shift = np.eye(4)

@@ -10,11 +10,11 @@ import pytest
 import rearticulate
 from rearticulate.config import FitConfig, preset
 from rearticulate.errors import InputError
-from rearticulate.solver.device import choose_device
+from rearticulate.methods.device import choose_device
 
 torch = pytest.importorskip("torch")
 
-NEURAL = Path(rearticulate.__file__).parent / "solver" / "neural"
+PAPER = Path(rearticulate.__file__).parent / "methods" / "paper"
 MAKERS = {"tensor", "zeros", "ones", "empty", "full", "eye", "rand", "randn", "arange", "linspace", "as_tensor"}
 
 
@@ -34,7 +34,7 @@ def test_what_cannot_be_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch) -> 
     assert choose_device("cuda", preset("paper-fast")) == "cuda"
 
 
-@pytest.mark.parametrize("path", sorted(NEURAL.glob("*.py")), ids=lambda path: path.name)
+@pytest.mark.parametrize("path", sorted(PAPER.glob("*.py")), ids=lambda path: path.name)
 def test_every_new_tensor_names_its_device(path: Path) -> None:
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Call) and ast.unparse(node.func) in {f"torch.{name}" for name in MAKERS}:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rearticulate.config import ProjectConfig
-from rearticulate.solver.articulated import Articulated
-from rearticulate.solver.diagnose import diagnose
-from rearticulate.solver.frames import make_frames
+from rearticulate.config import FitConfig
+from rearticulate.joints.articulated import Articulated
+from rearticulate.joints.diagnose import diagnose
+from rearticulate.observe.frames import make_frames
 from rearticulate.synth import objects
 from rearticulate.synth.articulated import record
 
@@ -24,7 +24,7 @@ def diagnosed(thing, q, points=1200):
     scale, root = np.where(thing.revolute, 1.0, frames.unit), np.tile(np.eye(4), (F, 1, 1))
     tree = Articulated(thing.parent, np.concatenate([w, v], 1), thing.revolute | (thing.parent < 0), q / scale, root)
     labels = np.concatenate(truth.labels)[frames.order]
-    joints, origins = diagnose(frames, 0, tree, labels, ProjectConfig())
+    joints, origins = diagnose(frames, 0, tree, labels, FitConfig().slide_margin)
     return frames, joints, origins * frames.unit + frames.centre
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from oracle import in_spacings
 from rearticulate.geometry.se3 import exp_se3, transform
-from rearticulate.solver.energy import (
+from rearticulate.observe.energy import (
     PER_BORDER,
     PER_EMPTY,
     PER_JOINT,
@@ -15,7 +15,7 @@ from rearticulate.solver.energy import (
     point_misfit,
     sampling_distance,
 )
-from rearticulate.solver.frames import make_frames
+from rearticulate.observe.frames import make_frames
 
 
 def grid(n: int = 24) -> np.ndarray:

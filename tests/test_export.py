@@ -26,7 +26,7 @@ from rearticulate.export.names import safe_names
 from rearticulate.export.robot import ExportConfig, Robot
 from rearticulate.export.write import FORMATS, export
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
-from rearticulate.pose.single import single_valued
+from rearticulate.posing.single import single_valued
 from rearticulate.records import FitResult, Motion, PointSequence
 from test_spherical import ball_model
 from toy_result import branched, toy

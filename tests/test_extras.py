@@ -19,10 +19,10 @@ def test_an_absent_package_is_named() -> None:
 
 def test_the_method_of_the_paper_names_torch(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
-    for name in [name for name in sys.modules if name.startswith("rearticulate.solver.neural")]:
+    for name in [name for name in sys.modules if name.startswith("rearticulate.methods.paper")]:
         monkeypatch.delitem(sys.modules, name)
     with pytest.raises(InputError, match=r'torch: pip install "rearticulate\[paper\]"'):
-        import rearticulate.solver.neural.relax  # noqa: F401
+        import rearticulate.methods.paper.relax  # noqa: F401
 
 
 def test_a_fault_of_our_own_is_not_blamed_on_an_extra() -> None:

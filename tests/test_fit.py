@@ -15,6 +15,7 @@ from rearticulate.evaluation.clustering import rand_index
 from rearticulate.evaluation.metrics import evaluate
 from rearticulate.geometry.se3 import exp_se3, transform
 from rearticulate.io.stages import StageStore
+from rearticulate.methods import direct
 from rearticulate.pipeline import canonical_frames, fit, working_rows
 from rearticulate.records import PointSequence
 from rearticulate.synth import objects
@@ -127,8 +128,8 @@ def test_a_stopped_fit_goes_on_where_it_was(hinge, stages, fitted, monkeypatch):
     def never(*args):
         raise AssertionError("this half of the fit was done already")
 
-    monkeypatch.setattr(pipeline, "relax", never)
-    monkeypatch.setattr(pipeline, "articulate", never)
+    monkeypatch.setattr(direct, "relax", never)
+    monkeypatch.setattr(direct, "articulate", never)
     assert_same(fit(hinge[0], QUICK, store=stages), fitted)
     for other in ({"seed": 1}, {"config": replace(QUICK, working_points=4999)}):
         with pytest.raises(AssertionError, match="done already"):
@@ -153,7 +154,7 @@ def test_a_stage_of_another_version_or_other_contents_is_none(hinge, stages, fit
     for change in spoiled:
         stages.save(key, mark, {**whole, **change})
         with monkeypatch.context() as patch, pytest.raises(ZeroDivisionError):
-            patch.setattr(pipeline, "articulate", lambda *args: 1 / 0)
+            patch.setattr(direct, "articulate", lambda *args: 1 / 0)
             fit(hinge[0], QUICK, store=stages)
     stages.save(key, mark, whole)
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import KDTree
 
 from rearticulate.geometry.se3 import exp_se3, transform
-from rearticulate.solver.frames import estimate_normals, make_frames, point_spacing, smallest_direction
+from rearticulate.observe.frames import estimate_normals, make_frames, point_spacing, smallest_direction
 
 
 def clouds(seed=0, sizes=(150, 120, 180)):

@@ -18,11 +18,11 @@ from websockets.http11 import Request
 from websockets.sync.client import connect
 
 from browser import FOREIGN, needs_chromium
-from rearticulate.commands.viewing import open_stage
+from rearticulate.commands.viewing import open_viewer
 from rearticulate.errors import FitError
 from rearticulate.io import save_result
 from rearticulate.view.gate import Gate, guarded
-from rearticulate.view.stage import Stage
+from rearticulate.view.viewer import Viewer
 from toy_result import toy
 
 UPGRADE = {
@@ -42,23 +42,23 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def stage(folder: Path) -> Iterator[Stage]:
-    stage = open_stage([folder], "127.0.0.1", 0, "z")
+def viewer(folder: Path) -> Iterator[Viewer]:
+    viewer = open_viewer([folder], "127.0.0.1", 0, "z")
     before = sorted(folder.rglob("*"))
-    yield stage
-    stage.server.stop()
+    yield viewer
+    viewer.server.stop()
     assert sorted(folder.rglob("*")) == before, "something was written"
 
 
-def place(stage: Stage) -> tuple[str, str]:
+def place(viewer: Viewer) -> tuple[str, str]:
     """Host and path of the page."""
-    parts = urlsplit(stage.address)
+    parts = urlsplit(viewer.address)
     return parts.netloc, parts.path
 
 
-def ask(stage: Stage, path: str, *heads: tuple[str, str], host: str | None = "") -> str:
+def ask(viewer: Viewer, path: str, *heads: tuple[str, str], host: str | None = "") -> str:
     """The first line of the answer to a request; host: "" for the right one, None for none."""
-    right = place(stage)[0]
+    right = place(viewer)[0]
     lines = [f"GET {path} HTTP/1.1", *([] if host is None else [f"Host: {host or right}"])]
     lines += [f"{name}: {value}" for name, value in heads]
     with socket.create_connection(right.split(":"), timeout=20) as wire:
@@ -66,12 +66,12 @@ def ask(stage: Stage, path: str, *heads: tuple[str, str], host: str | None = "")
         return wire.makefile("rb").readline().decode().strip()
 
 
-def test_the_address_is_served_and_its_websocket_opens(stage: Stage) -> None:
-    host, path = place(stage)
+def test_the_address_is_served_and_its_websocket_opens(viewer: Viewer) -> None:
+    host, path = place(viewer)
     assert len(path) > 40
-    assert "200" in ask(stage, path)
-    assert "200" in ask(stage, path, host=host.replace("127.0.0.1", "LOCALHOST"))
-    assert "404" in ask(stage, f"{path}nothing")
+    assert "200" in ask(viewer, path)
+    assert "200" in ask(viewer, path, host=host.replace("127.0.0.1", "LOCALHOST"))
+    assert "404" in ask(viewer, f"{path}nothing")
     with connect(
         f"ws://{host}{path}", origin=f"http://{host}", subprotocols=[UPGRADE["Sec-WebSocket-Protocol"]]
     ) as wire:
@@ -79,12 +79,12 @@ def test_the_address_is_served_and_its_websocket_opens(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize("path", ["/", "/index.html", "/{wrong}/", "/{token}x/", "/?token={token}", "//{token}/", "*"])
-def test_without_the_token_nothing_is_served(stage: Stage, path: str) -> None:
-    token = place(stage)[1].strip("/")
+def test_without_the_token_nothing_is_served(viewer: Viewer, path: str) -> None:
+    token = place(viewer)[1].strip("/")
     path = path.format(token=token, wrong=token[::-1])
-    assert "403" in ask(stage, path)
-    own = ("Origin", f"http://{place(stage)[0]}")
-    assert "403" in ask(stage, path, own, *UPGRADE.items())
+    assert "403" in ask(viewer, path)
+    own = ("Origin", f"http://{place(viewer)[0]}")
+    assert "403" in ask(viewer, path, own, *UPGRADE.items())
 
 
 @pytest.mark.parametrize(
@@ -104,31 +104,31 @@ def test_without_the_token_nothing_is_served(stage: Stage, path: str) -> None:
         None,
     ],
 )
-def test_other_names_are_refused(stage: Stage, host: str | None) -> None:
-    right, path = place(stage)
+def test_other_names_are_refused(viewer: Viewer, host: str | None) -> None:
+    right, path = place(viewer)
     name = host and host.format(port=right.split(":")[1])
-    assert "403" in ask(stage, path, host=name)
-    assert "403" in ask(stage, path, ("Origin", f"http://{name}"), *UPGRADE.items(), host=name)
+    assert "403" in ask(viewer, path, host=name)
+    assert "403" in ask(viewer, path, ("Origin", f"http://{name}"), *UPGRADE.items(), host=name)
 
 
-def test_two_names_at_once_are_refused(stage: Stage) -> None:
-    right, path = place(stage)
-    assert "403" in ask(stage, path, ("Host", right))
-    assert "403" in ask(stage, path, ("Host", "evil.test"))
+def test_two_names_at_once_are_refused(viewer: Viewer) -> None:
+    right, path = place(viewer)
+    assert "403" in ask(viewer, path, ("Host", right))
+    assert "403" in ask(viewer, path, ("Host", "evil.test"))
 
 
 @pytest.mark.parametrize("origin", [None, "null", "http://localhost:1", "http://evil.test", "https://{host}", "{host}"])
-def test_a_websocket_from_elsewhere_is_refused_even_with_the_token(stage: Stage, origin: str | None) -> None:
-    host, path = place(stage)
+def test_a_websocket_from_elsewhere_is_refused_even_with_the_token(viewer: Viewer, origin: str | None) -> None:
+    host, path = place(viewer)
     heads = [] if origin is None else [("Origin", origin.format(host=host))]
-    assert "403" in ask(stage, path, *heads, *UPGRADE.items())
+    assert "403" in ask(viewer, path, *heads, *UPGRADE.items())
     own = ("Origin", f"http://{host}")
-    assert "101" in ask(stage, path, own, *UPGRADE.items())
-    assert "403" in ask(stage, path, own, ("Origin", "http://evil.test"), *UPGRADE.items())
+    assert "101" in ask(viewer, path, own, *UPGRADE.items())
+    assert "403" in ask(viewer, path, own, ("Origin", "http://evil.test"), *UPGRADE.items())
 
 
-def test_what_is_no_request_is_dropped_in_silence(stage: Stage, caplog: pytest.LogCaptureFixture) -> None:
-    host, path = place(stage)
+def test_what_is_no_request_is_dropped_in_silence(viewer: Viewer, caplog: pytest.LogCaptureFixture) -> None:
+    host, path = place(viewer)
     long = b"GET / HTTP/1.1\r\n" + b"a" * 100_000
     many = b"GET / HTTP/1.1\r\n" + b"A: b\r\n" * 1000
     for sent in (b"\x16\x03\x01\x02\x00", b"POST / HTTP/1.1\r\n\r\n", long, many):
@@ -139,7 +139,7 @@ def test_what_is_no_request_is_dropped_in_silence(stage: Stage, caplog: pytest.L
             except ConnectionError:
                 answer = b""
         assert b"200" not in answer and b"101" not in answer
-    assert "200" in ask(stage, path)
+    assert "200" in ask(viewer, path)
     assert not [note for note in caplog.records if note.name.startswith("websockets")]
     assert logging.getLogger("rearticulate.view.gate").handlers
 
@@ -198,8 +198,8 @@ READS = "address => fetch(address).then(answer => answer.text(), () => 'refused'
 
 @needs_chromium
 @pytest.mark.parametrize("name", ["localhost", FOREIGN])
-def test_a_page_of_another_origin_gets_nothing(chromium: Any, stage: Stage, evil: int, name: str) -> None:
-    host, path = place(stage)
+def test_a_page_of_another_origin_gets_nothing(chromium: Any, viewer: Viewer, evil: int, name: str) -> None:
+    host, path = place(viewer)
     page = chromium.new_page()
     page.goto(f"http://{name}:{evil}")
     assert page.title() == "evil"
@@ -207,15 +207,15 @@ def test_a_page_of_another_origin_gets_nothing(chromium: Any, stage: Stage, evil
         for at in (host, host.replace("127.0.0.1", "localhost")):
             assert page.evaluate(OPENS, [f"ws://{at}{where}", UPGRADE["Sec-WebSocket-Protocol"]]) == "refused"
     assert page.evaluate(READS, f"http://{host}{path}") == "refused"
-    page.set_content(f'<iframe src="{stage.address}"></iframe>')
+    page.set_content(f'<iframe src="{viewer.address}"></iframe>')
     page.wait_for_timeout(1000)
-    assert not stage.server.get_clients()
+    assert not viewer.server.get_clients()
     page.close()
 
 
 @needs_chromium
-def test_a_foreign_name_for_this_machine_shows_nothing(chromium: Any, stage: Stage) -> None:
-    host, path = place(stage)
+def test_a_foreign_name_for_this_machine_shows_nothing(chromium: Any, viewer: Viewer) -> None:
+    host, path = place(viewer)
     page = chromium.new_page()
     there = host.replace("127.0.0.1", FOREIGN)
     for where in ("/", path):
@@ -226,11 +226,11 @@ def test_a_foreign_name_for_this_machine_shows_nothing(chromium: Any, stage: Sta
 
 
 @needs_chromium
-def test_the_right_address_works_and_can_be_loaded_again(chromium: Any, stage: Stage) -> None:
+def test_the_right_address_works_and_can_be_loaded_again(chromium: Any, viewer: Viewer) -> None:
     page, trouble = chromium.new_page(), []
     page.on("console", lambda note: trouble.append(note.text) if note.type == "error" else None)
     page.on("pageerror", lambda error: trouble.append(str(error)))
-    page.goto(stage.address.replace("127.0.0.1", "localhost"))
+    page.goto(viewer.address.replace("127.0.0.1", "localhost"))
     page.get_by_text("Recording").first.wait_for(timeout=60_000)
     page.reload()
     page.get_by_text("Recording").first.wait_for(timeout=60_000)

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from browser import needs_chromium
-from rearticulate.commands.viewing import open_stage
+from rearticulate.commands.viewing import open_viewer
 from rearticulate.io import save_result
 from rearticulate.records import StageTime
 from rearticulate.report.escape import in_html, in_label, in_script
@@ -74,25 +74,25 @@ def test_the_report_shows_them_and_all_its_figures(chromium: Any, tmp_path: Path
 def test_the_viewer_shows_them(chromium: Any, tmp_path: Path) -> None:
     folder = tmp_path / "![i](x) <b>lamp"
     save_result(folder, *toy(60, names=NAMES))
-    stage = open_stage([folder], "127.0.0.1", 0, "z")
+    viewer = open_viewer([folder], "127.0.0.1", 0, "z")
     try:
         watched = Watched(chromium)
         page = watched.page
-        page.goto(stage.address)
+        page.goto(viewer.address)
         page.get_by_text(folder.name, exact=True).first.wait_for(timeout=60_000)
         for part, name in enumerate(NAMES):
-            control = stage.controls[0]
-            control.hand.take(int((control.actor.cloud[1] == part).argmax()))
-            control.picked.content = words.described(control.actor.result, part)
+            control = viewer.controls[0]
+            control.handle.take(int((control.posed.cloud[1] == part).argmax()))
+            control.picked.content = words.described(control.posed.result, part)
             page.get_by_text(name, exact=True).first.wait_for()
         control._tell("saved", lambda: Path(NAMES[0]))
         page.get_by_text(NAMES[0], exact=True).last.wait_for()
         control._tell("saved", lambda: (_ for _ in ()).throw(ValueError(NAMES[1])))
         page.get_by_text(f"failed: {NAMES[1]}", exact=True).wait_for()
         page.wait_for_timeout(1000)
-        watched.close(stage.address.rsplit("/", 2)[0])
+        watched.close(viewer.address.rsplit("/", 2)[0])
     finally:
-        stage.server.stop()
+        viewer.server.stop()
 
 
 @given(st.text())

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from rearticulate.geometry.se3 import exp_se3, log_so3
+from rearticulate.observe.frames import make_frames
 from rearticulate.pipeline import fit
 from rearticulate.records import PointSequence
-from rearticulate.solver.frames import make_frames
-from rearticulate.solver.incomplete import between, complete_frames
+from rearticulate.search.incomplete import between, complete_frames
 from rearticulate.synth import objects
 from rearticulate.synth.articulated import record
 from test_articulated import tree

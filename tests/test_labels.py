@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from oracle import in_spacings
-from rearticulate.config import LabelConfig, SeamConfig
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
-from rearticulate.solver.energy import evidence_frames
-from rearticulate.solver.frames import make_frames
-from rearticulate.solver.labels import (
+from rearticulate.joints.seams import best_cut
+from rearticulate.observe.energy import evidence_frames
+from rearticulate.observe.frames import make_frames
+from rearticulate.observe.fused import surface_noise
+from rearticulate.parts.labels import (
     IMPOSSIBLE,
+    SHEET_THICKNESS,
     Graph,
     Labeller,
     mean_field,
@@ -22,8 +24,6 @@ from rearticulate.solver.labels import (
     sheet_evidence,
     spatial_graph,
 )
-from rearticulate.solver.relaxed import surface_noise
-from rearticulate.solver.seams import best_cut
 
 
 def plain_mean_field(unary, neighbour, weight, iterations):
@@ -78,41 +78,35 @@ def test_many_frames_are_thinned_to_the_limit():
     assert set(np.diff(chosen)) <= {9, 10}  # to the rounding of 99 / 11
 
 
-def cut(along, favour, slack):
-    """`best_cut` with the other settings as they come."""
-    usual = SeamConfig()
-    return best_cut(along, favour, slack, usual.bin_width, usual.peak)
-
-
 def test_a_cut_between_two_clear_sides():
     along = np.array([3.0, 0.0, 1.0, 2.0, 5.0, 4.0])
     favour = np.where(along >= 3, 1.0, -1.0)
-    assert cut(along, favour, slack=0.5) == (2.5, 1.0)
-    assert cut(along, -favour, slack=0.5) == (2.5, -1.0)
+    assert best_cut(along, favour, slack=0.5) == (2.5, 1.0)
+    assert best_cut(along, -favour, slack=0.5) == (2.5, -1.0)
 
 
 def test_a_cut_through_indifferent_points_lies_in_their_middle():
     along = np.arange(11.0)
     favour = np.concatenate([[-1.0, -1], np.zeros(7), [1.0, 1]])  # 2 to 8 do not care
-    assert cut(along, favour, slack=0.5) == (5.0, 1.0)
+    assert best_cut(along, favour, slack=0.5) == (5.0, 1.0)
 
 
 def test_a_cut_ignores_a_single_outlier():
     along = np.arange(20.0)
     favour = np.where(along >= 12, 1.0, -1.0)
     favour[3] = 0.9
-    assert cut(along, favour, slack=0.1) == (11.5, 1.0)
+    assert best_cut(along, favour, slack=0.1) == (11.5, 1.0)
 
 
 def test_when_all_points_favour_the_child_the_cut_is_below_them():
-    place, side = cut(np.arange(4.0), np.ones(4), slack=0.5)
+    place, side = best_cut(np.arange(4.0), np.ones(4), slack=0.5)
     assert (np.sign(np.arange(4.0) - place) == side).all()
 
 
 def test_a_wider_slack_only_widens_the_range():
     along, favour = np.arange(10.0), np.repeat([-1.0, 1.0], 5)
-    assert cut(along, favour, slack=2.0)[0] == 4.5  # symmetric: the middle stays
-    assert cut(along, favour * np.where(along > 4, 3.0, 1.0), slack=2.0)[0] < 4.5  # the child's evidence is dearer
+    assert best_cut(along, favour, slack=2.0)[0] == 4.5  # symmetric: the middle stays
+    assert best_cut(along, favour * np.where(along > 4, 3.0, 1.0), slack=2.0)[0] < 4.5  # the child's evidence is dearer
 
 
 def two_plates(n=700, frames=6):
@@ -144,7 +138,7 @@ def test_the_test_motions_bring_every_point_back_to_one_plate():
 def test_sheets_prefer_the_true_motion():
     frames, T, labels = two_plates()
     everywhere = np.ones((len(labels), 2), bool)
-    U = sheet_evidence(frames, T, everywhere, None, LabelConfig())
+    U = sheet_evidence(frames, T, everywhere, None)
     z = transform(inverse(T)[frames.frame, labels], frames.points)
     hinge = (20 - frames.centre[0]) / frames.unit
     away = (np.abs(z[:, 0] - hinge) > 8) & (frames.frame > 0)
@@ -166,7 +160,7 @@ def test_what_is_no_candidate_is_impossible(evidence):
     candidates = np.ones((len(labels), 2), bool)
     candidates[::3, 1] = False
     if evidence == "sheet":
-        U = sheet_evidence(frames, T, candidates, None, LabelConfig())
+        U = sheet_evidence(frames, T, candidates, None)
     else:
         U = nearest_evidence(frames, T, candidates, evidence_frames(3, 12))
     np.testing.assert_array_equal(U == IMPOSSIBLE, ~candidates)
@@ -176,9 +170,9 @@ def test_what_is_no_candidate_is_impossible(evidence):
 def test_disbelief_in_the_neighbours_weakens_a_sheet():
     frames, T, labels = two_plates(n=300, frames=4)
     everywhere = np.ones((len(labels), 2), bool)
-    plain = sheet_evidence(frames, T, everywhere, None, LabelConfig())
-    sure = sheet_evidence(frames, T, everywhere, np.ones_like(plain), LabelConfig())
-    half = sheet_evidence(frames, T, everywhere, np.zeros_like(plain), LabelConfig())
+    plain = sheet_evidence(frames, T, everywhere, None)
+    sure = sheet_evidence(frames, T, everywhere, np.ones_like(plain))
+    half = sheet_evidence(frames, T, everywhere, np.zeros_like(plain))
     np.testing.assert_allclose(sure, plain)
     np.testing.assert_allclose(half, plain / 2)
     assert plain.min() < -1
@@ -212,9 +206,9 @@ def test_two_close_sheets_are_no_neighbours():
 @pytest.mark.parametrize(("noise", "expected"), [(0.0, 0.093), (0.25, 0.093), (0.35, np.sqrt(0.093**2 + 0.06))])
 def test_sheets_are_thicker_by_the_noise(noise, expected):
     frames, _, _ = two_plates(n=150, frames=3)
-    labeller = Labeller(frames, LabelConfig())
-    assert labeller.with_noise(noise).config.sheet_thickness == pytest.approx(expected)
-    assert labeller.config == LabelConfig()  # the first one stays as it is
+    labeller = Labeller(frames)
+    assert labeller.with_noise(noise).thickness == pytest.approx(expected)
+    assert labeller.thickness == SHEET_THICKNESS  # the first one stays as it is
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05, 0.1])

@@ -19,8 +19,8 @@ from rearticulate.io.posture import load_posture, save_posture
 from rearticulate.records import FitResult, Posture
 from rearticulate.synth import bundled
 from test_cli import one_line, run
+from test_localization import C, mean_error, without
 from test_spherical import ball_model
-from test_track import C, mean_error, without
 from toy_result import toy
 
 

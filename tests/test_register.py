@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
+from rearticulate.geometry.robust import geman_mcclure
 from rearticulate.geometry.se3 import exp_se3, rotate, transform
-from rearticulate.solver.register import Schedule, fit_cost, geman_mcclure, normal_equations, register_bodies
+from rearticulate.observe.register import Schedule, fit_cost, normal_equations, register_bodies
 
 
 def box_cloud(size, centre, n, rng):

@@ -11,7 +11,7 @@ from PIL import Image
 
 from rearticulate.geometry.se3 import exp_se3, log_se3
 from rearticulate.io import save_result
-from rearticulate.pose.blend import between_frames, blend, eased
+from rearticulate.posing.blend import between_frames, blend, eased
 from rearticulate.records import Posture
 from rearticulate.render.camera import View, upright
 from rearticulate.render.canvas import INK, Canvas, eye_dome

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 
 from oracle import perfect_fit, random_model, read_pair
 from rearticulate.errors import InputError
+from rearticulate.geometry.kabsch import kabsch
 from rearticulate.geometry.kinematics import forward_kinematics
 from rearticulate.geometry.se3 import exp_se3, inverse, log_se3, transform
-from rearticulate.pose.least_squares import PoseProblem, moved, point_jacobian
-from rearticulate.pose.retarget import best_joint_value, kabsch, retarget
+from rearticulate.retargeting.least_squares import PoseProblem, moved, point_jacobian
+from rearticulate.retargeting.retarget import best_joint_value, retarget
 
 seeds = st.integers(0, 10_000)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rearticulate.geometry.se3 import to_unit
-from rearticulate.solver.frames import make_frames
-from rearticulate.solver.scale import frame_scales
+from rearticulate.observe.frames import make_frames
+from rearticulate.observe.scale import frame_scales
 from rearticulate.synth import objects
 from rearticulate.synth.articulated import record
 

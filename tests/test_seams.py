@@ -2,12 +2,11 @@
 
 import numpy as np
 
-from rearticulate.config import LabelConfig, SeamConfig
 from rearticulate.geometry.kinematics import forward_kinematics
 from rearticulate.geometry.se3 import transform
-from rearticulate.solver.articulated import Articulated
-from rearticulate.solver.frames import make_frames
-from rearticulate.solver.seams import cut_seams
+from rearticulate.joints.articulated import Articulated
+from rearticulate.joints.seams import cut_seams
+from rearticulate.observe.frames import make_frames
 
 PARENT = np.array([-1, 0, 1])
 AXES = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
@@ -47,7 +46,7 @@ def test_an_empty_link_takes_its_round_housing_back():
     # the root stands still, so its pose stays the identity under the change of origin and unit
     tree = Articulated(PARENT, twists(-frames.centre / frames.unit), np.ones(3, bool), q, np.tile(np.eye(4), (F, 1, 1)))
     lost = np.where(true == 1, 2, true)
-    labels = cut_seams(frames, tree, lost, LabelConfig(), SeamConfig(), only_empty=True)
+    labels = cut_seams(frames, tree, lost, only_empty=True)
     claimed = true[labels == 1]
     assert len(claimed) > 50 * F  # what lies near the plate; the labeller goes on from there
     assert np.mean(claimed == 1) > 0.98

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from rearticulate.pose.fuse import fuse, without_strays
+from rearticulate.posing.fuse import fuse, without_strays
 from rearticulate.shape.body import FLAT, ShapeConfig, beyond, grown, hull_of, make_body, sound
 from rearticulate.shape.surface import Grid, ball_radius, closing, handles, surface, unpierced
 from toy_result import toy

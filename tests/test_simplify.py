@@ -10,13 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from oracle import in_spacings
-from rearticulate.config import ProjectConfig
 from rearticulate.geometry.se3 import exp_se3, inverse, log_se3
-from rearticulate.solver.articulated import Articulated, apply_step
-from rearticulate.solver.bundle import adjust_to_poses
-from rearticulate.solver.frames import make_frames
-from rearticulate.solver.project import near_contact
-from rearticulate.solver.simplify import simplify, weld
+from rearticulate.joints.articulated import Articulated, apply_step
+from rearticulate.joints.bundle import adjust_to_poses
+from rearticulate.joints.project import near_contact
+from rearticulate.joints.simplify import fix_joint, simplify
+from rearticulate.observe.frames import make_frames
 from rearticulate.synth import objects
 from rearticulate.synth.articulated import record
 from test_articulated import CANONICAL, F, information, tree
@@ -59,13 +58,13 @@ def test_a_lost_pose_does_not_bend_the_tree():
 
 
 @given(seeds, st.data())
-def test_a_weld_of_a_joint_that_does_not_move_changes_no_pose(seed, data):
+def test_fixing_a_joint_that_does_not_move_changes_no_pose(seed, data):
     model = tree(seed)
     j = data.draw(st.integers(1, model.n_parts - 1))
     q = model.q.copy()
     q[:, j] = 0
     model = replace(model, q=q)
-    smaller, number = weld(model, j, int(model.parent[j]))
+    smaller, number = fix_joint(model, j, int(model.parent[j]))
     assert smaller.n_parts == model.n_parts - 1 and smaller.parent[0] == -1
     assert all(0 <= p < c for c, p in enumerate(smaller.parent[1:], 1))
     np.testing.assert_allclose(smaller.forward()[:, number], model.forward(), atol=1e-9)
@@ -79,7 +78,7 @@ def test_a_part_takes_its_children_to_the_sibling_it_joins(seed, data):
     if not siblings:
         return
     j, k = data.draw(st.sampled_from(siblings))
-    smaller, number = weld(model, j, k)
+    smaller, number = fix_joint(model, j, k)
     assert number[j] == number[k]
     for c in range(1, model.n_parts):
         if c != j:
@@ -87,7 +86,7 @@ def test_a_part_takes_its_children_to_the_sibling_it_joins(seed, data):
 
 
 @given(seeds, st.data())
-def test_welds_in_any_order_and_direction_end_in_one_part(seed, data):
+def test_joints_fixed_in_any_order_and_direction_end_in_one_part(seed, data):
     model = tree(seed)
     P = model.n_parts
     pairs = [(a, b) for a in range(P) for b in range(P) if a != b]
@@ -96,7 +95,7 @@ def test_welds_in_any_order_and_direction_end_in_one_part(seed, data):
     now = np.arange(P)
     for a, b in data.draw(st.permutations(related)):
         if now[a] != now[b]:
-            smaller, number = weld(model, int(now[a]), int(now[b]))
+            smaller, number = fix_joint(model, int(now[a]), int(now[b]))
             assert smaller.n_parts == model.n_parts - 1 and smaller.parent[0] == -1
             assert all(0 <= p < c for c, p in enumerate(smaller.parent[1:], 1))
             assert sorted(set(number)) == list(range(smaller.n_parts))
@@ -124,7 +123,7 @@ def test_a_part_cut_in_two_becomes_one_again():
     np.testing.assert_allclose(model.forward()[:, 1], T[:, 1], atol=1e-6)
     far = np.linalg.norm(frames.points - np.cross(hinge[:3], hinge[3:]), axis=1)
     outer = (labels == 1) & (far > np.median(far[labels == 1]))
-    found, merged, _ = simplify(frames, c, model, np.where(outer, 2, labels), ProjectConfig())
+    found, merged, _ = simplify(frames, c, model, np.where(outer, 2, labels))
     assert found.parent.tolist() == [-1, 0]
     np.testing.assert_array_equal(merged, labels)
 

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 
 from oracle import in_spacings
-from rearticulate.config import DeviationConfig, ProjectConfig, preset
+from rearticulate.config import DeviationConfig, preset
 from rearticulate.evaluation.metrics import evaluate
 from rearticulate.evaluation.tree_distance import tree_edit_distance
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.io.model import load_result, save_result
-from rearticulate.pose.retarget import retarget
-from rearticulate.pose.single import single_valued
+from rearticulate.joints.deviation import centred
+from rearticulate.joints.spherical import fit_balls, project_balls
+from rearticulate.joints.tree import choose_root
+from rearticulate.observe.frames import make_frames
+from rearticulate.parts.relaxed import Relaxed
+from rearticulate.posing.single import single_valued
 from rearticulate.records import KinematicModel
-from rearticulate.solver.deviation import centred
-from rearticulate.solver.frames import make_frames
-from rearticulate.solver.relaxed import Relaxed
-from rearticulate.solver.spherical import fit_balls, project_balls
-from rearticulate.solver.tree import choose_root
+from rearticulate.retargeting.retarget import retarget
 from rearticulate.synth.balls import PARENT, record_figure
 
 C = 2
@@ -103,7 +103,7 @@ def test_retargeting_with_balls():
 
 def test_true_motions_give_the_true_centres_and_tree(figure):
     _, truth, centre, frames, model = figure
-    root = choose_root(frames, C, model, ProjectConfig())
+    root = choose_root(frames, C, model)
     tree, labels, cost = project_balls(frames, C, model, DeviationConfig(), root)
     assert tree_edit_distance(tree.parent, truth.parent) == 0
     rows = frames.rows(C)

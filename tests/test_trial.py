@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from rearticulate.config import TrialConfig
 from rearticulate.geometry.nearest import nearest
-from rearticulate.solver.frames import make_frames
-from rearticulate.solver.relaxed import Relaxed
-from rearticulate.solver.trial import Trials, shared_border, trial_merge
+from rearticulate.observe.frames import make_frames
+from rearticulate.parts.relaxed import Relaxed
+from rearticulate.parts.trial import Trials, shared_border, trial_merge
 
 
 def test_borders_are_symmetric_and_as_long_as_the_common_edge():
@@ -56,7 +55,7 @@ def test_a_fragment_that_slides_in_itself_joins_the_part_around_it():
     T = np.tile(np.eye(4), (3, 3, 1, 1))
     for part in (1, 2):
         T[:, part, :3, 3] = (np.arange(3) - c)[:, None] * shift / frames.unit
-    model = trial_merge(frames, c, Relaxed(T, labels), TrialConfig(), 0.045, np.random.default_rng(0))
+    model = trial_merge(frames, c, Relaxed(T, labels), 0.045, np.random.default_rng(0))
     assert model.n_parts == 2
     rest = np.bincount(model.labels[labels == 0]).argmax()
     assert (model.labels[strip] == rest).all()

@@ -17,7 +17,7 @@ from PIL import Image
 
 from browser import needs_chromium
 from oracle import perfect_fit
-from rearticulate.commands.viewing import open_stage, savers, stage_names
+from rearticulate.commands.viewing import open_viewer, savers, viewer_names
 from rearticulate.errors import FitError, InputError
 from rearticulate.geometry.se3 import transform
 from rearticulate.io import load_sequence, load_truth, save_result
@@ -26,8 +26,8 @@ from rearticulate.io.numbered import write_numbered
 from rearticulate.io.posture import load_posture
 from rearticulate.records import Posture
 from rearticulate.synth import bundled
-from rearticulate.view.actor import on_ray
-from rearticulate.view.stage import Stage
+from rearticulate.view.posed_model import on_ray
+from rearticulate.view.viewer import Viewer
 from test_cli import one_line, run
 from toy_result import toy
 
@@ -45,22 +45,22 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def stage(folder: Path) -> Iterator[Stage]:
-    stage = open_stage([folder], "127.0.0.1", 0, "z")
-    yield stage
-    stage.server.stop()
+def viewer(folder: Path) -> Iterator[Viewer]:
+    viewer = open_viewer([folder], "127.0.0.1", 0, "z")
+    yield viewer
+    viewer.server.stop()
 
 
 class Page:
     """A page of the viewer, and what its console said."""
 
-    def __init__(self, chromium: Any, stage: Stage) -> None:
-        self.stage, self.trouble = stage, []
+    def __init__(self, chromium: Any, viewer: Viewer) -> None:
+        self.viewer, self.trouble = viewer, []
         self.page = chromium.new_page(viewport={"width": 1200, "height": 800})
         self.page.on("console", lambda m: self.trouble.append(m.text) if m.type in ("error", "warning") else None)
         self.page.on("pageerror", lambda error: self.trouble.append(str(error)))
         self.page.on("requestfailed", lambda request: self.trouble.append(f"failed: {request.url}"))
-        self.page.goto(stage.address)
+        self.page.goto(viewer.address)
         self.page.get_by_text("Recording").first.wait_for(timeout=60_000)
         until(lambda: self.picture().std() > 3, "nothing is drawn")
         close = self.page.locator(".mantine-Notification-closeButton")  # that the drawing is done by software
@@ -88,8 +88,8 @@ class Page:
         field.press("Enter")
 
     def screen(self, point: np.ndarray) -> tuple[float, float]:
-        """Where a point of the stage (3,) is on the page, from the camera that the browser reports."""
-        (client,) = self.stage.server.get_clients().values()
+        """Where a point of the scene (3,) is on the page, from the camera that the browser reports."""
+        (client,) = self.viewer.server.get_clients().values()
         camera = client.camera
         forward = np.asarray(camera.look_at) - camera.position
         forward = forward / np.linalg.norm(forward)
@@ -104,15 +104,15 @@ class Page:
 
 
 @pytest.fixture
-def page(chromium: Any, stage: Stage) -> Iterator[Page]:
-    for control in stage.controls:
-        control.hand.unpin()
-        control.show_moment(float(control.actor.model.canonical))
-    page = Page(chromium, stage)
+def page(chromium: Any, viewer: Viewer) -> Iterator[Page]:
+    for control in viewer.controls:
+        control.handle.unpin()
+        control.show_moment(float(control.posed.model.canonical))
+    page = Page(chromium, viewer)
     yield page
     trouble = [text for text in page.trouble if KNOWN not in text]
     page.page.close()
-    until(lambda: not stage.server.get_clients(), "the page is still connected")
+    until(lambda: not viewer.server.get_clients(), "the page is still connected")
     assert not trouble
 
 
@@ -126,44 +126,44 @@ def until(true: Callable[[], object], otherwise: str, seconds: float = 30.0) -> 
 
 @needs_chromium
 def test_a_slider_moves_the_cloud(page: Page) -> None:
-    actor = page.stage.actors[0]
-    before, cloud = page.picture("viewer-rest"), actor.posed()[0]
+    posed = page.viewer.models[0]
+    before, cloud = page.picture("viewer-rest"), posed.shown_points()[0]
     page.set("part_2, °", 25)
-    until(lambda: abs(np.degrees(actor.posture.q[2]) - 25) < 0.1, "the joint did not move")
-    np.testing.assert_allclose(np.delete(actor.posture.q, 2), 0.0, atol=1e-12)
+    until(lambda: abs(np.degrees(posed.posture.q[2]) - 25) < 0.1, "the joint did not move")
+    np.testing.assert_allclose(np.delete(posed.posture.q, 2), 0.0, atol=1e-12)
     page.page.wait_for_timeout(500)
-    after, labels = page.picture("viewer-slider"), actor.posed()[1]
-    expected = actor.model.forward(actor.posture.q)[labels]
-    np.testing.assert_allclose(actor.posed()[0], transform(expected, actor.cloud[0]), atol=1e-12)
-    assert np.abs(actor.posed()[0] - cloud)[labels >= 2].max() > 0.05
+    after, labels = page.picture("viewer-slider"), posed.shown_points()[1]
+    expected = posed.model.forward(posed.posture.q)[labels]
+    np.testing.assert_allclose(posed.shown_points()[0], transform(expected, posed.cloud[0]), atol=1e-12)
+    assert np.abs(posed.shown_points()[0] - cloud)[labels >= 2].max() > 0.05
     assert (np.abs(after - before).max(axis=-1) > 30).mean() > 0.005
-    handle = page.stage.server.scene.get_handle_by_name(f"/{actor.name}/part_6")
-    np.testing.assert_allclose(handle.position, actor.T_world_part[6][:3, 3], atol=1e-6)
+    handle = page.viewer.server.scene.get_handle_by_name(f"/{posed.name}/part_6")
+    np.testing.assert_allclose(handle.position, posed.T_world_part[6][:3, 3], atol=1e-6)
 
 
 @needs_chromium
 def test_time_shows_the_measured_frame_and_its_posture(page: Page) -> None:
-    actor = page.stage.actors[0]
+    posed = page.viewer.models[0]
     page.set("frame", 2)
-    until(lambda: actor.frame == 2, "the frame did not change")
-    np.testing.assert_allclose(actor.posture.q, actor.result.motion.q[2])
-    shown = [f for f in range(10) if page.stage.server.scene.get_handle_by_name(f"/{actor.name}/frame_{f}").visible]
+    until(lambda: posed.frame == 2, "the frame did not change")
+    np.testing.assert_allclose(posed.posture.q, posed.result.motion.q[2])
+    shown = [f for f in range(10) if page.viewer.server.scene.get_handle_by_name(f"/{posed.name}/frame_{f}").visible]
     assert shown == [2]
     page.page.get_by_role("button", name="Play").click()
-    until(lambda: actor.frame >= 4, "it does not play")
+    until(lambda: posed.frame >= 4, "it does not play")
     page.page.get_by_role("button", name="Pause").click()
     page.page.wait_for_timeout(400)
-    stopped = actor.posture.q.copy()
+    stopped = posed.posture.q.copy()
     page.page.wait_for_timeout(400)
-    np.testing.assert_array_equal(actor.posture.q, stopped)
+    np.testing.assert_array_equal(posed.posture.q, stopped)
     page.picture("viewer-played")
 
 
 @needs_chromium
 def test_dragging_the_hand_moves_the_joints(page: Page) -> None:
-    actor, hand = page.stage.actors[0], page.stage.controls[0].hand
-    before, held = actor.posture.q.copy(), hand.position
-    reach = np.array([0.0, 0.0, 0.09 * actor.size])  # on the arrow that points up
+    posed, handle = page.viewer.models[0], page.viewer.controls[0].handle
+    before, held = posed.posture.q.copy(), handle.position
+    reach = np.array([0.0, 0.0, 0.09 * posed.size])  # on the arrow that points up
     x, y = page.screen(held + reach)
     mouse = page.page.mouse
     mouse.move(x, y)
@@ -174,50 +174,50 @@ def test_dragging_the_hand_moves_the_joints(page: Page) -> None:
         page.page.wait_for_timeout(60)
     page.picture("viewer-dragged")
     mouse.up()
-    until(lambda: np.abs(actor.posture.q - before).max() > 0.05, "the joints did not move")
+    until(lambda: np.abs(posed.posture.q - before).max() > 0.05, "the joints did not move")
     page.page.wait_for_timeout(500)
-    assert hand.position[2] - held[2] > 0.01
-    node = page.stage.server.scene.get_handle_by_name(f"/{actor.name}/hand")
-    np.testing.assert_allclose(node.position, hand.position, atol=1e-6)
-    np.testing.assert_array_equal(actor.posture.T_world_root, np.eye(4))
+    assert handle.position[2] - held[2] > 0.01
+    node = page.viewer.server.scene.get_handle_by_name(f"/{posed.name}/handle")
+    np.testing.assert_allclose(node.position, handle.position, atol=1e-6)
+    np.testing.assert_array_equal(posed.posture.T_world_root, np.eye(4))
     shown = float(page.field("part_2, °").input_value().rstrip("°"))
-    assert shown == pytest.approx(np.degrees(actor.posture.q[2]), abs=0.2)
+    assert shown == pytest.approx(np.degrees(posed.posture.q[2]), abs=0.2)
 
 
 @needs_chromium
 def test_a_click_picks_a_part(page: Page) -> None:
-    actor, control = page.stage.actors[0], page.stage.controls[0]
+    posed, control = page.viewer.models[0], page.viewer.controls[0]
     page.field("measured points")
-    points, labels = actor.posed()
+    points, labels = posed.shown_points()
     middle = points[labels == 3].mean(axis=0)
     own = points[labels == 3]
     target = own[np.linalg.norm(own - middle, axis=1).argmin()]
     page.page.mouse.click(*page.screen(target))
-    until(lambda: control.hand.part == 3, f"part {control.hand.part} was picked")
+    until(lambda: control.handle.part == 3, f"part {control.handle.part} was picked")
     page.page.get_by_text("part_3", exact=True).first.wait_for()
-    assert np.linalg.norm(control.hand.position - target) < 0.1 * actor.size
+    assert np.linalg.norm(control.handle.position - target) < 0.1 * posed.size
 
 
 @needs_chromium
 def test_parts_can_be_hidden(page: Page) -> None:
-    actor = page.stage.actors[0]
+    posed = page.viewer.models[0]
     before = page.picture()
     page.field("part_0").click()
-    until(lambda: not actor.shown_parts()[0], "the part is still shown")
+    until(lambda: not posed.shown_parts()[0], "the part is still shown")
     page.page.wait_for_timeout(500)
     assert (np.abs(page.picture("viewer-hidden") - before).max(axis=-1) > 30).mean() > 0.003
     page.field("part_0").click()
-    until(lambda: actor.shown_parts()[0], "the part is still hidden")
+    until(lambda: posed.shown_parts()[0], "the part is still hidden")
 
 
 @needs_chromium
 def test_buttons_write_files(page: Page, folder: Path) -> None:
-    actor = page.stage.actors[0]
+    posed = page.viewer.models[0]
     page.set("part_1, °", -20)
-    until(lambda: actor.posture.q[1] < -0.3, "the joint did not move")
+    until(lambda: posed.posture.q[1] < -0.3, "the joint did not move")
     page.page.get_by_role("button", name="Save posture").click()
     until((folder / "postures" / "001.json").exists, "no posture was saved")
-    np.testing.assert_allclose(load_posture(folder / "postures" / "001.json", actor.model).q, actor.posture.q)
+    np.testing.assert_allclose(load_posture(folder / "postures" / "001.json", posed.model).q, posed.posture.q)
     page.page.get_by_role("button", name="Screenshot").click()
     until((folder / "screenshots" / "001.png").exists, "no screenshot was saved")
     ARTIFACTS.mkdir(exist_ok=True)
@@ -234,101 +234,101 @@ def test_buttons_write_files(page: Page, folder: Path) -> None:
 @needs_chromium
 def test_two_results_side_by_side(chromium: Any, folder: Path, tmp_path: Path) -> None:
     save_result(tmp_path / "lamp", *toy(200))
-    stage = open_stage([folder, tmp_path / "lamp"], "127.0.0.1", 0, "z")
+    viewer = open_viewer([folder, tmp_path / "lamp"], "127.0.0.1", 0, "z")
     try:
-        page = Page(chromium, stage)
+        page = Page(chromium, viewer)
         page.picture("viewer-two")
         page.page.get_by_role("tab", name="lamp").click()
         page.set("arm, °", 10)
-        until(lambda: abs(np.degrees(stage.actors[1].posture.q[1]) - 10) < 0.1, "the second object did not move")
-        np.testing.assert_allclose(stage.actors[0].posture.q, 0.0, atol=1e-12)
+        until(lambda: abs(np.degrees(viewer.models[1].posture.q[1]) - 10) < 0.1, "the second object did not move")
+        np.testing.assert_allclose(viewer.models[0].posture.q, 0.0, atol=1e-12)
         assert not [text for text in page.trouble if KNOWN not in text]
-        boxes = [np.concatenate(a.sequence.points) + a.offset for a in stage.actors]
-        right = np.linalg.svd(np.cov(np.array([a.offset for a in stage.actors]).T))[0][:, 0]
+        boxes = [np.concatenate(a.sequence.points) + a.offset for a in viewer.models]
+        right = np.linalg.svd(np.cov(np.array([a.offset for a in viewer.models]).T))[0][:, 0]
         spans = sorted(sorted((float((box @ right).min()), float((box @ right).max()))) for box in boxes)
         assert spans[0][1] < spans[1][0]
         page.page.close()
     finally:
-        stage.server.stop()
+        viewer.server.stop()
 
 
 @needs_chromium
 def test_two_fits_of_one_recording_show_the_same_moment(chromium: Any, folder: Path) -> None:
-    stage = open_stage([folder, folder], "127.0.0.1", 0, "z")
+    viewer = open_viewer([folder, folder], "127.0.0.1", 0, "z")
     try:
-        page = Page(chromium, stage)
+        page = Page(chromium, viewer)
         page.set("frame", 8)
-        until(lambda: all(actor.frame == 8 for actor in stage.actors), "one of them stayed behind")
-        expected = stage.actors[0].result.motion.q[8]
-        until(lambda: np.allclose([a.posture.q for a in stage.actors], expected), "another posture is shown")
-        first, second = stage.controls
+        until(lambda: all(posed.frame == 8 for posed in viewer.models), "one of them stayed behind")
+        expected = viewer.models[0].result.motion.q[8]
+        until(lambda: np.allclose([a.posture.q for a in viewer.models], expected), "another posture is shown")
+        first, second = viewer.controls
         page.page.get_by_role("button", name="Play").first.click()
-        until(lambda: stage.actors[1].frame != 8, "only one plays")
+        until(lambda: viewer.models[1].frame != 8, "only one plays")
         assert first.play.label == "Pause" and second.play.label == "Play"
         page.page.get_by_role("button", name="Pause").first.click()
         page.page.close()
     finally:
-        stage.server.stop()
+        viewer.server.stop()
 
 
-def test_pins_hold_while_others_are_dragged(stage: Stage) -> None:
-    actor, hand = stage.actors[0], stage.controls[0].hand
-    stage.controls[0].show(Posture.rest(actor.model))
-    points, labels = actor.cloud
-    hand.take(int(np.flatnonzero(labels == 3)[0]))
-    hand.pin()
-    pinned = hand.position
-    hand.take(int(np.flatnonzero(labels == 6)[0]))
-    target = hand.position + np.array([0.0, 0.02, 0.02])
-    before = np.linalg.norm(target - hand.position)
-    hand.drag_to(target)
-    assert np.linalg.norm(hand.position - target) < 0.7 * before
-    now = transform(actor.T_world_part[3], points[labels == 3][0])
+def test_pins_hold_while_others_are_dragged(viewer: Viewer) -> None:
+    posed, handle = viewer.models[0], viewer.controls[0].handle
+    viewer.controls[0].show(Posture.rest(posed.model))
+    points, labels = posed.cloud
+    handle.take(int(np.flatnonzero(labels == 3)[0]))
+    handle.pin()
+    pinned = handle.position
+    handle.take(int(np.flatnonzero(labels == 6)[0]))
+    target = handle.position + np.array([0.0, 0.02, 0.02])
+    before = np.linalg.norm(target - handle.position)
+    handle.drag_to(target)
+    assert np.linalg.norm(handle.position - target) < 0.7 * before
+    now = transform(posed.T_world_part[3], points[labels == 3][0])
     assert np.linalg.norm(now - pinned) < 0.01
-    hand.unpin()
-    stage.controls[0].show(Posture.rest(actor.model))
+    handle.unpin()
+    viewer.controls[0].show(Posture.rest(posed.model))
 
 
-def test_a_ray_meets_the_foremost_point(stage: Stage) -> None:
-    actor = stage.actors[0]
-    points, _ = actor.posed()
-    eye = points.mean(axis=0) + actor.offset + np.array([0.0, 0.0, 5.0])
-    distance, row = on_ray(actor, eye, np.array([0.0, 0.0, -1.0])) or (0.0, -1)
-    column = np.linalg.norm((points + actor.offset - eye)[:, :2], axis=1) < 0.012 * actor.size
+def test_a_ray_meets_the_foremost_point(viewer: Viewer) -> None:
+    posed = viewer.models[0]
+    points, _ = posed.shown_points()
+    eye = points.mean(axis=0) + posed.offset + np.array([0.0, 0.0, 5.0])
+    distance, row = on_ray(posed, eye, np.array([0.0, 0.0, -1.0])) or (0.0, -1)
+    column = np.linalg.norm((points + posed.offset - eye)[:, :2], axis=1) < 0.012 * posed.size
     assert row == np.flatnonzero(column)[points[column, 2].argmax()]
     assert distance == pytest.approx(5.0 + points.mean(axis=0)[2] - points[row, 2])
-    assert on_ray(actor, eye, np.array([0.0, 0.0, 1.0])) is None
+    assert on_ray(posed, eye, np.array([0.0, 0.0, 1.0])) is None
 
 
 def test_two_folders_of_one_name_are_told_apart(tmp_path: Path) -> None:
-    assert stage_names([tmp_path / "a", tmp_path / "b"]) == ["a", "b"]
-    assert stage_names([tmp_path / "a", tmp_path / "x" / "a"]) == ["a 1", "a 2"]
+    assert viewer_names([tmp_path / "a", tmp_path / "b"]) == ["a", "b"]
+    assert viewer_names([tmp_path / "a", tmp_path / "x" / "a"]) == ["a 1", "a 2"]
 
 
-def test_a_port_in_use_and_a_missing_result_are_one_line(stage: Stage, folder: Path, tmp_path: Path) -> None:
-    taken = run("view", folder, "--port", stage.server.get_port())
+def test_a_port_in_use_and_a_missing_result_are_one_line(viewer: Viewer, folder: Path, tmp_path: Path) -> None:
+    taken = run("view", folder, "--port", viewer.server.get_port())
     assert taken.exit_code == 1 and "cannot listen there" in one_line(taken)
     assert "no result here" in one_line(run("view", tmp_path / "nothing"))
 
 
 def test_an_export_is_replaced_only_where_it_may_be(
-    folder: Path, stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    folder: Path, viewer: Viewer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    actor, made = stage.actors[0], []
+    posed, made = viewer.models[0], []
     monkeypatch.setattr("rearticulate.commands.viewing.save_robot", lambda out, *_, **__: made.append(out))
     (tmp_path / "export").mkdir()
     (tmp_path / "export" / "export.json").touch()
     with pytest.raises(InputError, match="--overwrite"):
-        savers({actor.name: tmp_path}, "z", overwrite=False).export(actor)
-    assert savers({actor.name: tmp_path}, "z", overwrite=True).export(actor) == tmp_path / "export"
+        savers({posed.name: tmp_path}, "z", overwrite=False).export(posed)
+    assert savers({posed.name: tmp_path}, "z", overwrite=True).export(posed) == tmp_path / "export"
     (tmp_path / "export" / "export.json").rename(tmp_path / "export" / "notes.json")
     with pytest.raises(InputError, match="not an earlier export"):
-        savers({actor.name: tmp_path}, "z", overwrite=True).export(actor)
+        savers({posed.name: tmp_path}, "z", overwrite=True).export(posed)
     assert made == [tmp_path / "export"]
 
 
-def test_one_press_at_a_time(stage: Stage) -> None:
-    control, pressed, go = stage.controls[0], [], threading.Event()
+def test_one_press_at_a_time(viewer: Viewer) -> None:
+    control, pressed, go = viewer.controls[0], [], threading.Event()
 
     def slow() -> Path:
         pressed.append(1)
@@ -347,16 +347,16 @@ def test_one_press_at_a_time(stage: Stage) -> None:
     assert "saved: <code>c</code>" in control.written.content
 
 
-def test_fifty_at_once_are_fifty_whole_files(stage: Stage, tmp_path: Path) -> None:
-    actor = stage.actors[0]
-    save = savers({actor.name: tmp_path}, "z", overwrite=False)
-    for write, suffix in ((save.posture, "json"), (lambda actor: save.screenshot(actor, b"png"), "png")):
+def test_fifty_at_once_are_fifty_whole_files(viewer: Viewer, tmp_path: Path) -> None:
+    posed = viewer.models[0]
+    save = savers({posed.name: tmp_path}, "z", overwrite=False)
+    for write, suffix in ((save.posture, "json"), (lambda posed: save.screenshot(posed, b"png"), "png")):
         with ThreadPoolExecutor(50) as pool:
-            paths = list(pool.map(write, [actor] * 50))
+            paths = list(pool.map(write, [posed] * 50))
         assert sorted(path.name for path in paths) == [f"{k:03d}.{suffix}" for k in range(1, 51)]
         assert sorted(paths) == sorted(paths[0].parent.iterdir())
     for path in (tmp_path / "postures").iterdir():
-        np.testing.assert_array_equal(load_posture(path, actor.model).q, actor.posture.q)
+        np.testing.assert_array_equal(load_posture(path, posed.model).q, posed.posture.q)
     assert {path.read_bytes() for path in (tmp_path / "screenshots").iterdir()} == {b"png"}
 
 

@@ -51,7 +51,7 @@ def toy(points: int = 120, names: tuple[str, ...] = ("base", "arm", "tip")) -> t
         energies={0: 0.45, 1: 0.4},
         residual=np.full(FRAMES, 0.0006),
         stages=(StageTime("track", 1.5), StageTime("articulate", 2.0)),
-        config={"track": {"sigma": 37.0}},
+        config={"capture_range": 37.0},
     )
     frames = transform(model.forward(q)[:, labels], cloud)
     return result, PointSequence.from_arrays(frames)

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
         load_truth,
         save_result,
     )
+    from rearticulate.localization.localize import track
     from rearticulate.pipeline import fit
-    from rearticulate.pose.retarget import retarget
-    from rearticulate.pose.track import track
     from rearticulate.records import FitResult, KinematicModel, PointSequence
+    from rearticulate.retargeting.retarget import retarget
     from rearticulate.synth.simulate import simulate
 
 _HOME = {
@@ -47,11 +47,11 @@ _HOME = {
     "load_sequence": "io",
     "load_sequence_of": "io",
     "load_truth": "io",
-    "retarget": "pose.retarget",
+    "retarget": "retargeting.retarget",
     "load_scans": "io",
     "save_result": "io",
     "save_robot": "export.write",
-    "track": "pose.track",
+    "track": "localization.localize",
     "simulate": "synth.simulate",
 }
 

@@ -26,7 +26,7 @@ _R = TypeVar("_R")
 
 @dataclass(frozen=True)
 class Bounds:
-    """A number from `low` to `high`; `open`: beyond `low`, not at it."""
+    """A number, or the length of a tuple, from `low` to `high`; `open`: beyond `low`, not at it."""
 
     low: float = -FAR
     high: float = FAR
@@ -77,19 +77,19 @@ def checked(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 def conform(name: str, value: Any, hint: Any) -> Any:
     """`value` as the type `hint` says it: a bounded number, bool, str, Literal, dataclass, a tuple or None besides."""
-    bounds = next((b for b in getattr(hint, "__metadata__", ()) if isinstance(b, Bounds)), Bounds())
+    bounds = next((b for b in getattr(hint, "__metadata__", ()) if isinstance(b, Bounds)), None)
     kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
     if get_origin(kind) in (Union, UnionType):
         first, *_ = [other for other in get_args(kind) if other is not type(None)]
         return None if value is None else conform(name, value, first)
     if get_origin(kind) is tuple:
-        return _tuple(name, value, get_args(kind))
+        return _tuple(name, value, get_args(kind), bounds or Bounds(1))
     if get_origin(kind) is Literal:
         if value not in get_args(kind):
             raise InputError(f"{name} must be one of {', '.join(map(str, get_args(kind)))}, not {shown(value)}")
         return value
     if kind in (int, float):
-        return _number(name, value, kind, bounds)
+        return _number(name, value, kind, bounds or Bounds())
     if isinstance(kind, type) and not isinstance(value, kind):
         wanted = "true or false" if kind is bool else "text" if kind is str else f"a {kind.__name__}"
         raise InputError(f"{name} must be {wanted}, not {shown(value)}")
@@ -110,9 +110,10 @@ def _number(name: str, value: Any, kind: type[int | float], bounds: Bounds) -> f
     return kind(value)
 
 
-def _tuple(name: str, value: Any, items: tuple[Any, ...]) -> tuple[Any, ...]:
+def _tuple(name: str, value: Any, items: tuple[Any, ...], length: Bounds) -> tuple[Any, ...]:
     any_length = items[-1] is Ellipsis
-    if not isinstance(value, (tuple, list)) or not value or not (any_length or len(value) == len(items)):
+    length = length if any_length else Bounds(len(items), len(items))
+    if not isinstance(value, (tuple, list)) or not length.hold(len(value)):
         raise InputError(f"{name} must be {'a list of' if any_length else len(items)} values, not {shown(value)}")
     return tuple(conform(name, each, items[0]) for each in value)
 

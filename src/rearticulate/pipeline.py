@@ -16,20 +16,19 @@ from rearticulate.config import FitConfig
 from rearticulate.errors import InputError
 from rearticulate.io.check import check_sequence
 from rearticulate.io.stages import StageStore
+from rearticulate.joints.articulated import Articulated
+from rearticulate.joints.spherical import BallTree
+from rearticulate.methods.device import choose_device
+from rearticulate.methods.problem import Candidate, Problem
+from rearticulate.methods.registry import articulate_by, relax_by
+from rearticulate.observe.flow import SceneFlow
+from rearticulate.observe.frames import Frames, make_frames
 from rearticulate.parallel import side_by_side
+from rearticulate.parts.labels import Labeller
+from rearticulate.parts.relaxed import Relaxed
 from rearticulate.records import FitResult, PointSequence, StageTime
-from rearticulate.results import Candidate, to_result
-from rearticulate.solver.articulate import articulate
-from rearticulate.solver.articulated import Articulated
-from rearticulate.solver.device import choose_device
-from rearticulate.solver.energy import energy
-from rearticulate.solver.flow import SceneFlow
-from rearticulate.solver.frames import Frames, make_frames
-from rearticulate.solver.incomplete import complete_frames, fill_in
-from rearticulate.solver.labels import Labeller
-from rearticulate.solver.relax import relax
-from rearticulate.solver.relaxed import Relaxed
-from rearticulate.solver.spherical import BallTree
+from rearticulate.results import to_result
+from rearticulate.search.incomplete import complete_frames, fill_in
 from rearticulate.version import code_hash, package_version
 
 Array = NDArray[np.floating]
@@ -69,7 +68,7 @@ def fit(
 
     canonical: the rest frame; None tries a few and keeps the lowest energy. progress(stage, fraction done of it).
     store: where stage records are kept so that a stopped fit can go on. device: auto, cpu, or cuda, for the paper's
-    solver (`solver.device`). Raises InputError on a sequence that cannot be fitted. The same seed gives the same bits
+    solver (`methods.device`). Raises InputError on a sequence that cannot be fitted. The same seed gives the same bits
     on one type of CPU (`FitResult.machine`).
     """
     config = config or FitConfig()
@@ -84,11 +83,12 @@ def fit(
     chosen = [working_rows(len(p), config.working_points, rng) for p in sequence.points]
     frames = make_frames([p[rows] for p, rows in zip(sequence.points, chosen, strict=True)])
     known = complete_frames(np.diff(frames.start))
-    if (canonical is not None and canonical not in known) or config.deviation.joints == "ball":
+    left_out = canonical is not None and canonical not in known
+    if left_out or config.deviation.joints == "ball" or not config.uses("incomplete frames"):
         known = np.arange(F)
     clock("prepare", 0.5)
     shown = frames.take(known)
-    labeller = Labeller(shown, config.label)
+    labeller = Labeller(shown)
     clock("prepare", 1.0)
     flow = scene_flow(shown, config, clock)
     solver = Solver(shown, flow, labeller, config, seed, clock, store, fingerprint(sequence, config, seed), device)
@@ -130,9 +130,9 @@ def working_rows(n: int, limit: int, rng: np.random.Generator) -> IntArray:
 
 def scene_flow(frames: Frames, config: FitConfig, progress: Progress) -> tuple[SceneFlow, ...]:
     """The observed flow between successive frames, where a half of the fit asks for it."""
-    if config.relax == config.articulate == "direct":
+    if not config.uses_paper:
         return ()
-    from rearticulate.solver.neural.observe import observed_flow
+    from rearticulate.methods.paper.scene_flow import observed_flow
 
     progress("flow", 0.0)
     return observed_flow(frames, config, lambda done: progress("flow", done))
@@ -161,6 +161,9 @@ class Solver:
     mark: str
     device: str
 
+    def problem(self, canonical: int) -> Problem:
+        return Problem(self.frames, canonical, self.flow, self.labeller, self.config, self.clock, self.device)
+
     def candidate(self, canonical: int) -> Candidate:
         relaxed = self.relaxed(canonical)
         F, M = self.frames.n_frames, len(self.frames.points)
@@ -172,7 +175,8 @@ class Solver:
             if saved is not None:
                 labels, value = saved.pop("labels"), float(saved.pop("energy"))
                 return Candidate(canonical, kind(**saved), labels, value, relaxed)
-        found = self.articulated(canonical, relaxed)
+        rng = np.random.default_rng([self.seed, canonical, 1])
+        found = articulate_by(self.config.articulate)(self.problem(canonical), relaxed, rng)
         everything = {**vars(found.tree), "labels": found.labels, "energy": found.energy}
         self.store.save(f"articulated-{canonical}", self.mark, everything)
         return found
@@ -183,26 +187,6 @@ class Solver:
         if saved is not None:
             return Relaxed(saved["T"], saved["labels"], int(saved["found"]))
         rng = np.random.default_rng([self.seed, canonical, 0])
-        neural, model = self.config.relax == "neural", None
-        if not neural or self.config.neural.start == "direct":
-            model = relax(self.frames, canonical, self.labeller, self.config, rng, self.clock)
-        if model is None or neural:
-            from rearticulate.solver.neural.relax import relax_neural
-
-            model = relax_neural(
-                self.frames, canonical, self.flow, self.config.neural, rng, self.clock, model, self.device
-            )
+        model = relax_by(self.config.relax)(self.problem(canonical), rng)
         self.store.save(f"relaxed-{canonical}", self.mark, vars(model))
         return model
-
-    def articulated(self, canonical: int, relaxed: Relaxed) -> Candidate:
-        if self.config.articulate == "paper":
-            from rearticulate.solver.neural.articulate import articulate_paper
-
-            tree, labels, cost = articulate_paper(
-                self.frames, canonical, relaxed, self.flow, self.config, self.clock, self.device
-            )
-            return Candidate(canonical, tree, labels, cost, relaxed)
-        rng = np.random.default_rng([self.seed, canonical, 1])
-        tree, labels = articulate(self.frames, canonical, relaxed, self.labeller, self.config, rng, self.clock)
-        return Candidate(canonical, tree, labels, energy(self.frames, tree.forward(), labels), relaxed)

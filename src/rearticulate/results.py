@@ -10,7 +10,15 @@ from scipy.spatial import KDTree
 
 from rearticulate.config import FitConfig
 from rearticulate.geometry.se3 import from_unit
+from rearticulate.joints.articulated import Articulated
+from rearticulate.joints.diagnose import diagnose
+from rearticulate.joints.spherical import BallTree, diagnose_balls
 from rearticulate.machine import machine
+from rearticulate.methods.problem import Candidate
+from rearticulate.observe.energy import frame_residual, sampling_distance
+from rearticulate.observe.frames import Frames
+from rearticulate.observe.scale import Scales, frame_scales
+from rearticulate.parts.relaxed import Relaxed
 from rearticulate.records import (
     FitResult,
     JointDiagnostics,
@@ -20,27 +28,9 @@ from rearticulate.records import (
     PointSequence,
     RelaxedModel,
 )
-from rearticulate.solver.articulated import Articulated
-from rearticulate.solver.diagnose import diagnose
-from rearticulate.solver.energy import frame_residual, sampling_distance
-from rearticulate.solver.frames import Frames
-from rearticulate.solver.relaxed import Relaxed
-from rearticulate.solver.scale import Scales, frame_scales
-from rearticulate.solver.spherical import BallTree, diagnose_balls
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One complete fit from one canonical frame, in the fitter's units. energy: what canonical frames are chosen by."""
-
-    canonical: int
-    tree: Articulated | BallTree
-    labels: IntArray
-    energy: float
-    relaxed: Relaxed
 
 
 def to_result(
@@ -105,7 +95,7 @@ def screw_joints(frames: Frames, best: Candidate, config: FitConfig, drift: floa
     """Hinges and slides. drift: of the scale, see `Scales`."""
     tree = best.tree
     assert isinstance(tree, Articulated)
-    diagnostics, origins = diagnose(frames, best.canonical, tree, best.labels, config.project, drift)
+    diagnostics, origins = diagnose(frames, best.canonical, tree, best.labels, config.slide_margin, drift)
     kinds: list[JointType] = ["revolute" if turning else "prismatic" for turning in tree.revolute]
     kinds[0] = "floating"
     q = np.where(tree.revolute, tree.q, tree.q * frames.unit)

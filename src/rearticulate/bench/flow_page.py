@@ -15,12 +15,12 @@ from rearticulate.bench.markdown import head, table
 from rearticulate.bench.published import SIX
 from rearticulate.bench.runner import Answer, Job
 from rearticulate.bench.variants import VARIANTS
-from rearticulate.config import PRESETS, TrackConfig
+from rearticulate.config import PRESETS, FitConfig
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
-from rearticulate.solver.flow import SceneFlow
-from rearticulate.solver.frames import make_frames
-from rearticulate.solver.track import track
+from rearticulate.observe.flow import SceneFlow
+from rearticulate.observe.frames import make_frames
+from rearticulate.parts.patches import track_patches
 from rearticulate.synth.perturb import stepped_pair
 
 Array = NDArray[np.floating]
@@ -43,10 +43,10 @@ def spatial_neighbours(a: Array, b: Array) -> SceneFlow:
     return SceneFlow(a[rows], b[forth[rows]] - a[rows])
 
 
-def patch_tracking(config: TrackConfig, a: Array, b: Array) -> SceneFlow:
+def patch_tracking(config: FitConfig, a: Array, b: Array) -> SceneFlow:
     """The direct solver's tracking from the first cloud to the second."""
     frames = make_frames([a, b])
-    tracks = track(frames, 0, config)
+    tracks = track_patches(frames, 0, config)
     x = frames.points[frames.rows(0)]
     moved = transform(tracks.T[1, tracks.patches.owner], x)
     return SceneFlow(x * frames.unit + frames.centre, (moved - x) * frames.unit)
@@ -54,7 +54,7 @@ def patch_tracking(config: TrackConfig, a: Array, b: Array) -> SceneFlow:
 
 def network_matches(refined: bool, a: Array, b: Array) -> SceneFlow:
     """Matches of the shipped network, as they are or refined."""
-    from rearticulate.solver.neural.observe import observed_flow
+    from rearticulate.methods.paper.scene_flow import observed_flow
 
     frames, config = make_frames([a, b]), PRESETS["paper"]
     flow = observed_flow(frames, replace(config, neural=replace(config.neural, refined=refined)))[0]
@@ -85,8 +85,8 @@ def pairs() -> list[str]:
         "nearest neighbours": spatial_neighbours,
         "network": partial(network_matches, False),
         "network, refined": partial(network_matches, True),
-        "tracking without network": partial(patch_tracking, VARIANTS["without network"].track),
-        "tracking": partial(patch_tracking, VARIANTS["direct"].track),
+        "tracking without network": partial(patch_tracking, VARIANTS["without network"]),
+        "tracking": partial(patch_tracking, VARIANTS["direct"]),
     }
     found = {
         (name, step, label): measure(follow, name, step)

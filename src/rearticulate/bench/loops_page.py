@@ -21,14 +21,14 @@ from rearticulate.bench.markdown import head, table
 from rearticulate.bench.runner import Answer
 from rearticulate.config import PRESETS, NeuralConfig
 from rearticulate.geometry.nearest import farthest_points, nearest, rms_radius, search_tree
+from rearticulate.methods.paper.assignment import Assignment, assign
+from rearticulate.methods.paper.neighbours import BoxTree
+from rearticulate.methods.paper.relax import Model, Scene, descend, make_scene
+from rearticulate.methods.paper.scene_flow import observed_flow
 from rearticulate.network.inference import load_network
-from rearticulate.network.pointnet import Batch, CorrespondenceNet
 from rearticulate.network.pyramid import build_pyramid
-from rearticulate.solver.frames import make_frames
-from rearticulate.solver.neural.assignment import Assignment, assign
-from rearticulate.solver.neural.neighbours import BoxTree
-from rearticulate.solver.neural.observe import observed_flow
-from rearticulate.solver.neural.relax import Model, Scene, descend, make_scene
+from rearticulate.observe.frames import make_frames
+from rearticulate.training.pointnet import Batch, CorrespondenceNet
 
 Array = NDArray[np.floating]
 

@@ -23,12 +23,12 @@ from rearticulate.export.robot import ExportConfig, Robot
 from rearticulate.export.write import FORMATS, export
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import inverse, transform
-from rearticulate.pose.retarget import retarget
-from rearticulate.pose.track import track
+from rearticulate.localization.localize import track
 from rearticulate.records import Array, FitResult, GroundTruth, KinematicModel, PointSequence
 from rearticulate.render.clip import film, write_clip
-from rearticulate.render.panels import PANELS, Story, novel_posture
+from rearticulate.render.panels import PANELS, PanelData, novel_posture
 from rearticulate.render.viewpoint import best_view
+from rearticulate.retargeting.retarget import retarget
 
 mujoco: Any = import_module("mujoco")  # these two have no types
 usd, usd_validation = (import_module(f"pxr.{name}") for name in ("Usd", "UsdValidation"))
@@ -201,6 +201,7 @@ def clip(result: FitResult, sequence: PointSequence, folder: Path) -> dict[str, 
     started = time.perf_counter()
     view = best_view(result, sequence)
     write_clip(
-        folder / "clip.gif", film(Story(result, sequence, novel_posture(result.model), view, (300, 300)), list(PANELS))
+        folder / "clip.gif",
+        film(PanelData(result, sequence, novel_posture(result.model), view, (300, 300)), list(PANELS)),
     )
     return {"render_s": time.perf_counter() - started}

@@ -1,4 +1,6 @@
-"""Configurations that are compared: the presets, and the paper's ablations of its own method."""
+"""Configurations that are compared: the presets, and ablations: each mechanism of the direct solver left out, and those
+of the paper for its own method.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,7 @@ from dataclasses import replace
 from itertools import product
 from typing import Any
 
-from rearticulate.config import PRESETS, FitConfig
+from rearticulate.config import MECHANISMS, PRESETS, FitConfig
 from rearticulate.errors import InputError
 
 QUICK = {"chamfer_iterations": 200, "emd_iterations": 300, "final_iterations": 25}
@@ -26,6 +28,7 @@ def energies(used: tuple[bool, ...]) -> str:
 
 VARIANTS: dict[str, FitConfig] = {
     **PRESETS,
+    **{f"without {name}": FitConfig(without=(name,)) for name in MECHANISMS},
     **{
         energies(used): _paper(
             {name: 0.0 for name, on in zip(ENERGIES, used, strict=True) if not on} | {"final_iterations": 0},
@@ -34,7 +37,6 @@ VARIANTS: dict[str, FitConfig] = {
         for used in product((True, False), repeat=3)
         if any(used)
     },
-    "without network": replace(FitConfig(), track=replace(FitConfig().track, network=False)),
     "without field": _paper({"field": False}),
     "random start": _paper({"start": "random"}),
     "plain matches": _paper({"refined": False}),

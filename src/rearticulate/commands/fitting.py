@@ -44,7 +44,7 @@ class FitOptions(Settings):
     def resolve(self) -> FitConfig:
         """The configuration: a preset, changed by the file. Raises InputError where the device has no use or is not
         there."""
-        from rearticulate.solver.device import choose_device
+        from rearticulate.methods.device import choose_device
 
         base = preset(self.preset)
         config = base if self.config is None else load_config(self.config, base)

@@ -19,7 +19,7 @@ from rearticulate.io.model import load_result, load_sequence_of
 from rearticulate.io.palette import part_colors
 from rearticulate.io.ply import write_cloud
 from rearticulate.io.posture import joint_number, load_posture, named_values, save_posture
-from rearticulate.pose.fuse import fuse
+from rearticulate.posing.fuse import fuse
 from rearticulate.records import FitResult, KinematicModel, Posture
 
 _VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(rad|deg|°|m|cm|mm|%)?")

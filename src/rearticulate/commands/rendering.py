@@ -12,7 +12,7 @@ from rearticulate.io.atomic import reserve
 from rearticulate.io.model import load_result, load_sequence_of
 from rearticulate.io.posture import load_posture
 from rearticulate.render.clip import check_clip, film, write_clip
-from rearticulate.render.panels import PANELS, Story, novel_posture
+from rearticulate.render.panels import PANELS, PanelData, novel_posture
 from rearticulate.render.viewpoint import best_view
 
 
@@ -28,10 +28,10 @@ def run_render(
     result, sequence = load_result(folder), load_sequence_of(folder)
     eye = eye or best_view(result, sequence, up=up)
     novel = novel_posture(result.model) if posture is None else load_posture(posture, result.model)
-    story = Story(result, sequence, novel, eye, (size, size))
+    data = PanelData(result, sequence, novel, eye, (size, size))
     with reserve(out):
         with StageProgress() as progress:
-            pictures = film(story, names, lambda share: progress("render", share))
+            pictures = film(data, names, lambda share: progress("render", share))
         write_clip(out, pictures)
     print(out)
 

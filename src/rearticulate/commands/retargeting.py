@@ -15,11 +15,11 @@ from rearticulate.io.atomic import atomic_folder
 from rearticulate.io.clicks import Clicks, load_clicks
 from rearticulate.io.model import load_result, write_joint_values
 from rearticulate.io.posture import named_values, save_posture
-from rearticulate.pose.blend import blend, eased
-from rearticulate.pose.pick import pick
-from rearticulate.pose.retarget import RetargetResult, retarget
+from rearticulate.posing.blend import blend, eased
+from rearticulate.posing.pick import pick
 from rearticulate.records import Array, KinematicModel, Posture
 from rearticulate.render.clip import dragged, there_and_back, write_clip
+from rearticulate.retargeting.retarget import RetargetResult, retarget
 
 STEPS = 30  # of the animation
 MARK = "posture.json"

@@ -17,9 +17,9 @@ from rearticulate.io.palette import part_colors
 from rearticulate.io.ply import write_cloud
 from rearticulate.io.posture import named_values, save_posture
 from rearticulate.io.sequence import load_scans
-from rearticulate.pose.track import Tracked, followed, track
+from rearticulate.localization.localize import Localization, followed, track
+from rearticulate.observe.frames import point_spacing
 from rearticulate.records import FitResult, PointSequence
-from rearticulate.solver.frames import point_spacing
 
 STRANGE = 3.0  # mean distance of a scan from the model, in point spacings of the recording, that no noise explains
 
@@ -49,7 +49,7 @@ def run_track(
         print(out)
 
 
-def warn_of_strangers(recorded: PointSequence, scans: PointSequence, found: Tracked) -> None:
+def warn_of_strangers(recorded: PointSequence, scans: PointSequence, found: Localization) -> None:
     """A line for every scan that lies beside the model."""
     usual = point_spacing(recorded.points)
     for name, residual in zip(scans.names, found.residual, strict=True):
@@ -61,7 +61,7 @@ def warn_of_strangers(recorded: PointSequence, scans: PointSequence, found: Trac
             warnings.warn(text, InputWarning, stacklevel=2)
 
 
-def write_scans(folder: Path, result: FitResult, scans: PointSequence, found: Tracked) -> None:
+def write_scans(folder: Path, result: FitResult, scans: PointSequence, found: Localization) -> None:
     """Every scan coloured by part, and its posture."""
     folder.mkdir()
     colors = part_colors(result.model.n_parts)
@@ -71,7 +71,7 @@ def write_scans(folder: Path, result: FitResult, scans: PointSequence, found: Tr
         save_posture(folder / f"{stem}.json", result.model, found.motion.posture(f), residual=float(found.residual[f]))
 
 
-def describe(result: FitResult, scans: PointSequence, found: Tracked) -> list[dict[str, object]]:
+def describe(result: FitResult, scans: PointSequence, found: Localization) -> list[dict[str, object]]:
     """Every scan in plain numbers."""
     return [
         {

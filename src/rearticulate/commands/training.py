@@ -44,8 +44,8 @@ def run_train(out: Path, options: TrainOptions) -> None:
 
 
 def _keep(out: Path, run: Any, seed: int) -> None:
-    from rearticulate.network.weights import save_network
     from rearticulate.report.learning import draw_learning_curve
+    from rearticulate.training.weights import save_network
 
     weights, picture = out / "correspondence.safetensors", out / "learning.png"
     save_network(weights, run.net, {"steps": run.step, "seed": seed})
@@ -55,7 +55,7 @@ def _keep(out: Path, run: Any, seed: int) -> None:
 
 def _open(out: Path, options: TrainOptions) -> tuple[Any, Any]:
     with needs("train"):
-        from rearticulate.network.train import Run, TrainConfig, choose_device
+        from rearticulate.training.train import Run, TrainConfig, choose_device
     if out.exists() and not (options.resume or options.overwrite):
         raise InputError(f"{out}: exists; go on with --resume or start again with --overwrite")
     device = choose_device(options.device)

@@ -23,34 +23,34 @@ from rearticulate.io.posture import save_posture
 from rearticulate.render.viewpoint import best_view
 
 if TYPE_CHECKING:
-    from rearticulate.view.actor import Actor
     from rearticulate.view.controls import Savers
-    from rearticulate.view.stage import Stage
+    from rearticulate.view.posed_model import PosedModel
+    from rearticulate.view.viewer import Viewer
 
 
 def run_view(folder: Path, other: Path | None, host: str, port: int, up: str, overwrite: bool, browser: bool) -> None:
     """The command `view`: serves until it is interrupted."""
-    stage = open_stage([folder] if other is None else [folder, other], host, port, check_up(up), overwrite)
-    print(f"{stage.address}  (Ctrl-C to stop)", flush=True)
+    viewer = open_viewer([folder] if other is None else [folder, other], host, port, check_up(up), overwrite)
+    print(f"{viewer.address}  (Ctrl-C to stop)", flush=True)
     if browser:
-        webbrowser.open(stage.address)
+        webbrowser.open(viewer.address)
     try:
         while True:
             time.sleep(3600)
     finally:
-        stage.server.stop()
+        viewer.server.stop()
 
 
-def open_stage(folders: list[Path], host: str, port: int, up: str, overwrite: bool = False) -> Stage:
+def open_viewer(folders: list[Path], host: str, port: int, up: str, overwrite: bool = False) -> Viewer:
     """A server that shows the results, to those who know its address. overwrite: it may replace an earlier export."""
     loaded = [(load_result(folder), load_sequence_of(folder)) for folder in folders]
-    names = stage_names(folders)
+    names = viewer_names(folders)
     view = best_view(*loaded[0], up=up)
     with needs("view"):
         import viser
 
         from rearticulate.view.gate import Gate, guarded
-        from rearticulate.view.stage import Stage
+        from rearticulate.view.viewer import Viewer
     port = _free_port(host, port)
     gate = Gate(host, port)
     with guarded(gate), redirect_stdout(io.StringIO()):  # its banner
@@ -59,10 +59,10 @@ def open_stage(folders: list[Path], host: str, port: int, up: str, overwrite: bo
         server.stop()
         raise FitError(f"{host}:{port}: cannot listen there (taken); try another --port")
     shown = [(name, *pair) for name, pair in zip(names, loaded, strict=True)]
-    return Stage(server, shown, savers(dict(zip(names, folders, strict=True)), up, overwrite), view, gate.address)
+    return Viewer(server, shown, savers(dict(zip(names, folders, strict=True)), up, overwrite), view, gate.address)
 
 
-def stage_names(folders: list[Path]) -> list[str]:
+def viewer_names(folders: list[Path]) -> list[str]:
     """What the objects are called: their folders, with what tells them apart where two are alike."""
     names = [folder.resolve().name for folder in folders]
     return names if len(set(names)) == len(names) else [f"{name} {k + 1}" for k, name in enumerate(names)]
@@ -73,25 +73,25 @@ def savers(folders: dict[str, Path], up: str, overwrite: bool) -> Savers:
     and that by the rule of the command `export`."""
     from rearticulate.view.controls import Savers
 
-    def posture(actor: Actor) -> Path:
-        posture = actor.posture
-        folder = folders[actor.name] / "postures"
-        return write_numbered(folder, ".json", lambda path: save_posture(path, actor.model, posture))
+    def posture(posed: PosedModel) -> Path:
+        posture = posed.posture
+        folder = folders[posed.name] / "postures"
+        return write_numbered(folder, ".json", lambda path: save_posture(path, posed.model, posture))
 
-    def export(actor: Actor) -> Path:
-        folder = folders[actor.name]
+    def export(posed: PosedModel) -> Path:
+        folder = folders[posed.name]
         out = folder / "export"
         check_folder(out, MARK, "export", overwrite)
         with needs("export"):
-            save_robot(out, actor.result, actor.sequence, name=folder.resolve().name, config=ExportConfig(up=up))
+            save_robot(out, posed.result, posed.sequence, name=folder.resolve().name, config=ExportConfig(up=up))
         return out
 
-    def screenshot(actor: Actor, png: bytes) -> Path:
+    def screenshot(posed: PosedModel, png: bytes) -> Path:
         def write(path: Path) -> None:
             with atomic_file(path) as partial:
                 partial.write_bytes(png)
 
-        return write_numbered(folders[actor.name] / "screenshots", ".png", write)
+        return write_numbered(folders[posed.name] / "screenshots", ".png", write)
 
     return Savers(posture, export, screenshot)
 

@@ -12,8 +12,8 @@ from rearticulate.evaluation.clustering import rand_index
 from rearticulate.evaluation.joints import existing_joints, joint_errors, match_parts
 from rearticulate.evaluation.tree_distance import tree_edit_distance
 from rearticulate.geometry.se3 import inverse, transform
-from rearticulate.pose.retarget import retarget
 from rearticulate.records import Array, FitResult, GroundTruth, IntArray, Metric, PointSequence
+from rearticulate.retargeting.retarget import retarget
 
 CLICK = 10  # reanimation clicks this point of every true part, in file order, so that all methods get the same clicks
 

@@ -14,8 +14,8 @@ from rearticulate.export.names import safe_names
 from rearticulate.export.robot import ExportConfig, Link, Robot
 from rearticulate.io.palette import part_colors
 from rearticulate.parallel import side_by_side
-from rearticulate.pose.fuse import fuse
-from rearticulate.pose.single import single_valued
+from rearticulate.posing.fuse import fuse
+from rearticulate.posing.single import single_valued
 from rearticulate.records import FitResult, KinematicModel, PointSequence
 from rearticulate.shape.body import Body, ShapeConfig, make_body
 

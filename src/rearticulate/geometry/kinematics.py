@@ -63,3 +63,12 @@ def screw_jacobian(parent: IntArray, twists: Array, q: Array, T_world_part: Arra
         J[..., j, :, :, :] = J[..., parent[j], :, :, :]
         J[..., j, :, j, :] = blocks[..., j - 1, :, :]
     return J
+
+
+def subtree(parent: IntArray, j: int) -> IntArray:
+    """Part j and all parts that hang on it."""
+    inside = np.zeros(len(parent), dtype=bool)
+    inside[j] = True
+    for k in range(j + 1, len(parent)):
+        inside[k] = inside[parent[k]]
+    return np.flatnonzero(inside)

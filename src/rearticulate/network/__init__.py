@@ -1,1 +1,1 @@
-"""The correspondence network of the paper, what it is trained on, and its training. Needs the extra `paper`."""
+"""The correspondence network of the paper as it is used: features and matches of points, in NumPy alone."""

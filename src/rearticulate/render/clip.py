@@ -19,7 +19,7 @@ from rearticulate.io.palette import part_colors
 from rearticulate.records import Array, IntArray, KinematicModel, Motion
 from rearticulate.render.camera import View
 from rearticulate.render.canvas import INK, WHITE, Canvas, row
-from rearticulate.render.panels import BUDGET, Story, draw
+from rearticulate.render.panels import BUDGET, PanelData, draw
 
 FORMATS = (".gif", ".mp4")
 RATE = 15  # pictures a second
@@ -31,14 +31,14 @@ NEARLY = 12  # off white is white there, since Pillow looks colours up in boxes 
 
 
 def film(
-    story: Story, panels: Sequence[str], progress: Callable[[float], None] = lambda share: None
+    data: PanelData, panels: Sequence[str], progress: Callable[[float], None] = lambda share: None
 ) -> list[Image.Image]:
     """The panels side by side, from the first frame to the last and back."""
-    last = len(story.sequence) - 1
+    last = len(data.sequence) - 1
     times = np.linspace(0.0, last, max(2, min(STEPS * last + 1, MOST)))
     pictures = []
     for k, time in enumerate(times):
-        pictures.append(row([draw(story, name, float(time)) for name in panels]))
+        pictures.append(row([draw(data, name, float(time)) for name in panels]))
         progress((k + 1) / len(times))
     return there_and_back(pictures)
 

@@ -13,8 +13,8 @@ from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
 from rearticulate.geometry.thin import thinned
 from rearticulate.io.palette import part_colors
-from rearticulate.pose.blend import between_frames, blend
-from rearticulate.pose.fuse import fuse
+from rearticulate.posing.blend import between_frames, blend
+from rearticulate.posing.fuse import fuse
 from rearticulate.records import Array, FitResult, IntArray, KinematicModel, PointSequence, Posture
 from rearticulate.render.axes import axis_segments
 from rearticulate.render.camera import Camera, View
@@ -29,8 +29,8 @@ GREY, PALE = np.array([150, 160, 172]), np.array([214, 219, 226])
 
 
 @dataclass(frozen=True)
-class Story:
-    """What the panels of one clip tell. novel: the posture of the last panel. pixels: of one panel."""
+class PanelData:
+    """What the panels of one clip show. novel: the posture of the last panel. pixels: of one panel."""
 
     result: FitResult
     sequence: PointSequence
@@ -79,22 +79,22 @@ class Story:
         return between_frames(self.result.motion, np.array([time])).posture(0)
 
 
-def measured(story: Story, time: float, canvas: Canvas) -> None:
+def measured(data: PanelData, time: float, canvas: Canvas) -> None:
     """The points as they came."""
-    story.dots(canvas, story.cloud(round(time))[0], GREY)
+    data.dots(canvas, data.cloud(round(time))[0], GREY)
 
 
-def parts(story: Story, time: float, canvas: Canvas) -> None:
+def parts(data: PanelData, time: float, canvas: Canvas) -> None:
     """The measured points, coloured by part."""
-    points, labels = story.cloud(round(time))
-    story.dots(canvas, points, story.colors[labels])
+    points, labels = data.cloud(round(time))
+    data.dots(canvas, points, data.colors[labels])
 
 
-def skeleton(story: Story, time: float, canvas: Canvas) -> None:
+def skeleton(data: PanelData, time: float, canvas: Canvas) -> None:
     """The tree: a bone from every joint to the next, and the axes."""
-    posture = story.at(time)
-    story.dots(canvas, story.posed(posture)[0], PALE)
-    draw_skeleton(story.result.model, posture, story.colors, canvas)
+    posture = data.at(time)
+    data.dots(canvas, data.posed(posture)[0], PALE)
+    draw_skeleton(data.result.model, posture, data.colors, canvas)
 
 
 def draw_skeleton(model: KinematicModel, posture: Posture, colors: Array, canvas: Canvas) -> None:
@@ -115,26 +115,26 @@ def draw_axes(model: KinematicModel, posture: Posture, colors: Array | None, can
         canvas.line(segment, INK if colors is None else tuple(int(c) for c in colors[j]), 3.0)
 
 
-def flow(story: Story, time: float, canvas: Canvas) -> None:
+def flow(data: PanelData, time: float, canvas: Canvas) -> None:
     """Where points of the model came from."""
-    model = story.result.model
-    story.dots(canvas, story.posed(story.at(time))[0], PALE)
+    model = data.result.model
+    data.dots(canvas, data.posed(data.at(time))[0], PALE)
     rows = thinned(len(model.points), TRAILS)
-    past = between_frames(story.result.motion, np.linspace(max(0.0, time - TRAIL), time, 12))
+    past = between_frames(data.result.motion, np.linspace(max(0.0, time - TRAIL), time, 12))
     T = model.forward(past.q, past.T_world_root)[:, model.labels[rows]]
     for path, part in zip(transform(T, model.points[rows]).swapaxes(0, 1), model.labels[rows], strict=True):
-        canvas.line(path, tuple(int(c) for c in story.colors[part]), 1.2)
+        canvas.line(path, tuple(int(c) for c in data.colors[part]), 1.2)
 
 
-def new_posture(story: Story, time: float, canvas: Canvas) -> None:
+def new_posture(data: PanelData, time: float, canvas: Canvas) -> None:
     """From the rest posture to one that was never measured."""
-    last = max(len(story.sequence) - 1, 1)
-    way = blend(Posture.rest(story.result.model), story.novel, np.array([time / last]))
-    points, labels = story.posed(way.posture(0))
-    story.dots(canvas, points, story.colors[labels])
+    last = max(len(data.sequence) - 1, 1)
+    way = blend(Posture.rest(data.result.model), data.novel, np.array([time / last]))
+    points, labels = data.posed(way.posture(0))
+    data.dots(canvas, points, data.colors[labels])
 
 
-PANELS: dict[str, tuple[str, Callable[[Story, float, Canvas], None]]] = {
+PANELS: dict[str, tuple[str, Callable[[PanelData, float, Canvas], None]]] = {
     "input": ("measured", measured),
     "parts": ("parts", parts),
     "skeleton": ("joints", skeleton),
@@ -143,11 +143,11 @@ PANELS: dict[str, tuple[str, Callable[[Story, float, Canvas], None]]] = {
 }
 
 
-def draw(story: Story, name: str, time: float, title: str | None = None) -> Image.Image:
+def draw(data: PanelData, name: str, time: float, title: str | None = None) -> Image.Image:
     """One panel at a time in frames, with its title below."""
     words, panel = PANELS[name]
-    canvas = Canvas(story.camera)
-    panel(story, time, canvas)
+    canvas = Canvas(data.camera)
+    panel(data, time, canvas)
     return caption(canvas.picture(), words if title is None else title)
 
 

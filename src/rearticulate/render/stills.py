@@ -12,7 +12,7 @@ from rearticulate.io.atomic import atomic_file
 from rearticulate.records import FitResult, PointSequence, Posture
 from rearticulate.render.camera import View
 from rearticulate.render.canvas import Canvas, row
-from rearticulate.render.panels import Story, draw, draw_axes
+from rearticulate.render.panels import PanelData, draw, draw_axes
 from rearticulate.render.viewpoint import best_view
 
 STRIP = 5  # frames in the strip
@@ -33,10 +33,10 @@ def parts_picture(result: FitResult, sequence: PointSequence, view: View) -> Ima
     """The canonical cloud in parts with its joint axes, from two sides."""
     model, rest, pictures = result.model, Posture.rest(result.model), []
     for side in (view, replace(view, azimuth=view.azimuth + 90.0)):
-        story = Story(result, sequence, rest, side, (PIXELS, PIXELS))
-        canvas = Canvas(side.camera([model.points], story.pixels))
-        points, labels = story.posed(rest)
-        story.dots(canvas, points, story.colors[labels])
+        data = PanelData(result, sequence, rest, side, (PIXELS, PIXELS))
+        canvas = Canvas(side.camera([model.points], data.pixels))
+        points, labels = data.posed(rest)
+        data.dots(canvas, points, data.colors[labels])
         draw_axes(model, rest, None, canvas)
         pictures.append(canvas.picture())
     return row(pictures)
@@ -45,5 +45,5 @@ def parts_picture(result: FitResult, sequence: PointSequence, view: View) -> Ima
 def frames_picture(result: FitResult, sequence: PointSequence, view: View) -> Image.Image:
     """Up to five frames as measured, coloured by part, all on one scale."""
     shown = np.unique(np.linspace(0, len(sequence) - 1, min(STRIP, len(sequence))).round().astype(int))
-    story = Story(result, sequence, Posture.rest(result.model), view, (PIXELS // 2, PIXELS // 2))
-    return row([draw(story, "parts", float(f), f"frame {f}") for f in shown])
+    data = PanelData(result, sequence, Posture.rest(result.model), view, (PIXELS // 2, PIXELS // 2))
+    return row([draw(data, "parts", float(f), f"frame {f}") for f in shown])

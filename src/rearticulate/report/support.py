@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
 from rearticulate.geometry.thin import thinned
-from rearticulate.pose.fuse import fuse
+from rearticulate.posing.fuse import fuse
 from rearticulate.records import Array, FitResult, IntArray, PointSequence
 
 BUDGET = 4000  # points of the model

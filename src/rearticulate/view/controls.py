@@ -1,4 +1,4 @@
-"""The controls of one object: recording, joints, hand, parts, files."""
+"""The controls of one model: recording, joints, handle, parts, files."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ import numpy as np
 import viser
 from PIL import Image
 
-from rearticulate.pose.blend import between_frames
+from rearticulate.posing.blend import between_frames
 from rearticulate.records import Posture
 from rearticulate.render.panels import novel_posture
 from rearticulate.view import words
-from rearticulate.view.actor import Actor
-from rearticulate.view.hand import Hand
+from rearticulate.view.drag_handle import DragHandle
+from rearticulate.view.posed_model import PosedModel
 
 FEW = 8  # joints whose labels do not hide the object
 RATE = 15.0  # steps a second while playing
@@ -30,30 +30,30 @@ SHOT = (1080, 1600)  # pixels of a screenshot where the browser does not tell it
 
 @dataclass(frozen=True)
 class Savers:
-    """What the buttons do with files, one press at a time. Each gets the actor and returns the path it wrote."""
+    """What the buttons do with files, one press at a time. Each gets the model and returns the path it wrote."""
 
-    posture: Callable[[Actor], Path]
-    export: Callable[[Actor], Path]
-    screenshot: Callable[[Actor, bytes], Path]
+    posture: Callable[[PosedModel], Path]
+    export: Callable[[PosedModel], Path]
+    screenshot: Callable[[PosedModel, bytes], Path]
     busy: threading.Lock = field(default_factory=threading.Lock)
 
 
 class Controls:
-    """The panel of one actor."""
+    """The panel of one model."""
 
-    def __init__(self, server: viser.ViserServer, actor: Actor, savers: Savers) -> None:
-        self._server, self.actor, self._savers = server, actor, savers
+    def __init__(self, server: viser.ViserServer, posed: PosedModel, savers: Savers) -> None:
+        self._server, self.posed, self._savers = server, posed, savers
         self._playing, self._seed = False, 0
         self.along: list[Controls] = []  # of other fits of the same recording, which show the same moment
-        self.hand = Hand(server, actor, self._synchronize)
+        self.handle = DragHandle(server, posed, self._synchronize)
         gui = server.gui
-        gui.add_html(words.title(actor.name, actor.result, actor.sequence))
+        gui.add_html(words.title(posed.name, posed.result, posed.sequence))
         with gui.add_folder("Recording"):
             self._add_recording()
         with gui.add_folder("Joints"):
             self.sliders = self._add_sliders()
         with gui.add_folder("Drag"):
-            self._add_hand()
+            self._add_handle()
         with gui.add_folder("Parts"):
             self._add_parts()
         with gui.add_folder("Files"):
@@ -61,41 +61,41 @@ class Controls:
         self._synchronize()
 
     def show(self, posture: Posture) -> None:
-        """A posture, also on the sliders and at the hand."""
-        self.actor.show(posture)
+        """A posture, also on the sliders and at the handle."""
+        self.posed.show(posture)
         self._synchronize()
 
     def show_moment(self, now: float) -> None:
         """A moment of the recording, in frames: the nearest measured points, the fitted posture between the frames."""
-        if round(now) != self.actor.frame:
-            self.actor.show_frame(round(now))
+        if round(now) != self.posed.frame:
+            self.posed.show_frame(round(now))
             self.time.value = round(now)
-        self.show(between_frames(self.actor.result.motion, np.array([now])).posture(0))
+        self.show(between_frames(self.posed.result.motion, np.array([now])).posture(0))
 
     def pick(self, row: int) -> None:
-        """A point of the actor's cloud was clicked: the hand takes it, its part is described."""
-        self.hand.take(row)
-        self.picked.content = words.described(self.actor.result, self.hand.part)
+        """A point of the model's cloud was clicked: the handle takes it, its part is described."""
+        self.handle.take(row)
+        self.picked.content = words.described(self.posed.result, self.handle.part)
 
     def _synchronize(self) -> None:
         for where, slider in self.sliders.items():
-            shown = round(float(self.actor.posture.q[where]) * self._unit(where), 2) + 0.0  # and never -0.0
+            shown = round(float(self.posed.posture.q[where]) * self._unit(where), 2) + 0.0  # and never -0.0
             slider.value = float(np.clip(shown, slider.min, slider.max))
-        self.hand.follow()
+        self.handle.follow()
 
     def _unit(self, where: int) -> float:
         """What is shown of 1 rad or 1 m: degrees or centimetres."""
-        model = self.actor.model
+        model = self.posed.model
         return 100.0 if where < model.n_parts and model.joint_type[where] == "prismatic" else 180 / math.pi
 
     def _add_recording(self) -> None:
-        gui, last = self._server.gui, len(self.actor.sequence) - 1
-        self.time = gui.add_slider("frame", 0, max(last, 1), 1, self.actor.frame, disabled=last < 1)
+        gui, last = self._server.gui, len(self.posed.sequence) - 1
+        self.time = gui.add_slider("frame", 0, max(last, 1), 1, self.posed.frame, disabled=last < 1)
         self.play = gui.add_button("Play", disabled=last < 1)
         measured = gui.add_checkbox("measured points", True)
         axes = gui.add_checkbox("joint axes", True)
-        labels = gui.add_checkbox("joint labels", self.actor.model.n_parts - 1 <= FEW)
-        self.actor.show_labels(labels.value)
+        labels = gui.add_checkbox("joint labels", self.posed.model.n_parts - 1 <= FEW)
+        self.posed.show_labels(labels.value)
 
         @self.time.on_update
         def _(event: viser.GuiEvent) -> None:
@@ -103,9 +103,9 @@ class Controls:
                 self._show_together(float(self.time.value))
 
         self.play.on_click(lambda event: self._toggle_play())
-        measured.on_update(lambda event: self.actor.show_measured(measured.value))
-        axes.on_update(lambda event: self.actor.show_axes(axes.value))
-        labels.on_update(lambda event: self.actor.show_labels(labels.value))
+        measured.on_update(lambda event: self.posed.show_measured(measured.value))
+        axes.on_update(lambda event: self.posed.show_axes(axes.value))
+        labels.on_update(lambda event: self.posed.show_labels(labels.value))
 
     def _show_together(self, now: float) -> None:
         for controls in (self, *self.along):
@@ -123,7 +123,7 @@ class Controls:
 
     def _play(self) -> None:
         """There and back until it is stopped, the model moving between the frames too."""
-        last = len(self.actor.sequence) - 1
+        last = len(self.posed.sequence) - 1
         now, step = float(self.time.value), SPEED / RATE
         while self._playing:
             if not 0 <= now + step <= last:
@@ -134,7 +134,7 @@ class Controls:
 
     def _add_sliders(self) -> dict[int, viser.GuiSliderHandle[float]]:
         """A slider a joint value, by its place in q."""
-        model, out = self.actor.model, {}
+        model, out = self.posed.model, {}
         for j in range(1, model.n_parts):
             kind = model.joint_type[j]
             if kind == "fixed":
@@ -155,14 +155,14 @@ class Controls:
         def update(event: viser.GuiEvent) -> None:
             if event.client is None:
                 return
-            q = self.actor.posture.q.copy()
+            q = self.posed.posture.q.copy()
             q[where] = slider.value / self._unit(where)
-            self.actor.show(Posture(q, self.actor.posture.T_world_root))
-            self.hand.follow()
+            self.posed.show(Posture(q, self.posed.posture.T_world_root))
+            self.handle.follow()
 
         return update
 
-    def _add_hand(self) -> None:
+    def _add_handle(self) -> None:
         gui = self._server.gui
         gui.add_html(words.says("Click a point of the object, then drag the arrows."))
         root = gui.add_checkbox("the root may move", False)
@@ -173,24 +173,24 @@ class Controls:
 
         @root.on_update
         def _(event: viser.GuiEvent) -> None:
-            self.hand.root_moves = root.value
+            self.handle.root_moves = root.value
 
         @pins.on_click
         def _(event: viser.GuiEvent) -> None:
-            self.hand.pin() if pins.value == "Pin" else self.hand.unpin()
+            self.handle.pin() if pins.value == "Pin" else self.handle.unpin()
 
         @postures.on_click
         def _(event: viser.GuiEvent) -> None:
             if postures.value == "Rest":
-                self.show(Posture.rest(self.actor.model))
+                self.show(Posture.rest(self.posed.model))
             else:
-                self.show(novel_posture(self.actor.model, self._seed))
+                self.show(novel_posture(self.posed.model, self._seed))
                 self._seed += 1
 
     def _add_parts(self) -> None:
-        gui, model = self._server.gui, self.actor.model
+        gui, model = self._server.gui, self.posed.model
         gui.add_html(words.tree_of(model))
-        self.picked = gui.add_html(words.described(self.actor.result, self.hand.part))
+        self.picked = gui.add_html(words.described(self.posed.result, self.handle.part))
         self.shown = []
         for p, name in enumerate(model.names):
             box = gui.add_checkbox(name, True)
@@ -198,7 +198,7 @@ class Controls:
             self.shown.append(box)
 
     def _toggled(self, part: int, box: viser.GuiCheckboxHandle) -> Callable[[viser.GuiEvent], None]:
-        return lambda event: self.actor.show_part(part, box.value)
+        return lambda event: self.posed.show_part(part, box.value)
 
     def _add_files(self) -> None:
         gui = self._server.gui
@@ -209,19 +209,19 @@ class Controls:
 
         @save.on_click
         def _(event: viser.GuiEvent) -> None:
-            self._tell("saved", lambda: self._savers.posture(self.actor))
+            self._tell("saved", lambda: self._savers.posture(self.posed))
 
         @export.on_click
         def _(event: viser.GuiEvent) -> None:
             export.disabled, self.written.content = True, words.says("exporting ...")
-            self._tell("exported", lambda: self._savers.export(self.actor))
+            self._tell("exported", lambda: self._savers.export(self.posed))
             export.disabled = False
 
         @shot.on_click
         def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
                 client = event.client
-                self._tell("saved", lambda: self._savers.screenshot(self.actor, screenshot(client)))
+                self._tell("saved", lambda: self._savers.screenshot(self.posed, screenshot(client)))
 
     def _tell(self, word: str, write: Callable[[], Path]) -> None:
         if not self._savers.busy.acquire(blocking=False):

@@ -1,4 +1,4 @@
-"""Who may see and move the stage: whoever has the address with this run's token, from the page at that address alone.
+"""Who may see and move a model: whoever has the address with this run's token, from the page at that address alone.
 
 viser serves everyone who can reach its port, pages of other origins included, and has no hook to refuse a request: it
 hands a function of its own to `websockets.serve` as `process_request`. That call is intercepted while viser starts, so

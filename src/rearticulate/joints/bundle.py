@@ -1,0 +1,106 @@
+"""Kinematic adjustment of the tree of screws, all joint values and root poses at once: against free poses with their
+information (cheap, no search for neighbours), then against all points (bundle adjustment)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rearticulate.geometry.robust import geman_mcclure
+from rearticulate.geometry.se3 import inverse, log_se3, rotate, transform
+from rearticulate.joints.articulated import Articulated, gauss_newton_step
+from rearticulate.observe.frames import Frames
+from rearticulate.observe.fused import fuse, fused_equations, points_behind
+from rearticulate.observe.register import CONVERGED, match, normal_equations
+from rearticulate.progress import Told, untold
+
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
+SIGMA_WIDE, SIGMA = 1.5, 0.56  # robust scales of a point, first and usual, in spacings
+FINE, FINE_NOISE, FINE_MAX = 0.2, 2.5, 0.8  # the last scale: at least, in units of the noise, at most
+INNER = 4
+REACH = 5.6  # spacings beyond which a moved canonical point has no counterpart
+POSE_STEPS = 15
+POSE_SIGMA = 1.0  # robust scale of a part's misfit to its free pose, in spacings
+
+
+def adjust_to_poses(
+    model: Articulated, canonical: int, part: IntArray, T: Array, H: Array, sigma: float = POSE_SIGMA
+) -> tuple[Articulated, Array]:
+    """The tree that agrees best with K observed poses T (F, K, 4, 4) of parts part (K,) under information H.
+
+    Joints fitted pair by pair disagree along a chain; here they are made consistent. An observation that no tree
+    reaches (a lost part) loses its weight. Returns the best iterate and its misfit (F, K) in spacings squared.
+    """
+    points = points_behind(H) + 1e-9
+    of_part = np.eye(model.n_parts)[part]
+    best, lowest, misfit = model, np.inf, np.zeros(points.shape)
+    for i in range(POSE_STEPS + 1):
+        e = log_se3(model.forward()[:, part] @ inverse(T))
+        squared = np.einsum("fki,fkij,fkj->fk", e, H, e) / points
+        cost = float((points * squared / (squared + sigma**2)).sum())
+        if i > 0 and cost > (1 - 1e-3) * lowest:
+            break
+        best, lowest, misfit = model, cost, squared
+        w = geman_mcclure(squared, sigma)[..., None]
+        H_part = np.einsum("kp,fkij->fpij", of_part, w[..., None] * H)
+        g_part = np.einsum("kp,fki->fpi", of_part, w * (H @ e[..., None])[..., 0])
+        model = gauss_newton_step(model, canonical, H_part, g_part)
+    return best, misfit
+
+
+def canonical_equations(
+    frames: Frames,
+    canonical: int,
+    T: Array,
+    labels: IntArray,
+    sigma: float,
+    skip: IntArray | None = None,
+) -> tuple[Array, Array]:
+    """Normal equations H (F, P, 6, 6), g (F, P, 6) of the canonical points moved onto every frame but those to skip."""
+    F, P = T.shape[:2]
+    rows = frames.rows(canonical)
+    x, nx, label = frames.points[rows], frames.normals[rows], labels[rows]
+    H, g = np.zeros((F, P, 6, 6)), np.zeros((F, P, 6))
+    for f in range(F):
+        if f == canonical or (skip is not None and f in skip):
+            continue
+        tree, normals = frames.trees[f], frames.normals[frames.rows(f)]
+        y, ny = transform(T[f, label], x), rotate(T[f, label], nx)
+        z, nz, d, r, agreement = match(tree, normals, y, ny)
+        w = geman_mcclure(r * r + 0.1 * d * d, sigma) * np.where(agreement > 0.5, agreement, 0.0) * (d < REACH)
+        H[f], g[f] = normal_equations(y, z, nz, w, 0.03 * w, label, P)
+    return H, g
+
+
+def last_sigma(noise: float) -> float:
+    """The robust scale when labels are settled and what does not fit is wrong. noise: of the surface, in spacings."""
+    return float(np.clip(FINE_NOISE * noise, FINE, FINE_MAX))
+
+
+def bundle_adjust(
+    frames: Frames,
+    canonical: int,
+    model: Articulated,
+    labels: IntArray,
+    sigmas: tuple[float, ...],
+    thorough: bool = False,
+    one_sided: IntArray | None = None,
+    told: Told = untold,
+) -> Articulated:
+    """Gauss-Newton with the fused clouds rebuilt once a scale. sigmas: robust scales, in spacings.
+
+    thorough: all points are asked, against all points, instead of a sample against a sample. one_sided: frames that do
+    not show the whole object; their points must be explained, but they need not explain all of the object.
+    """
+    for i, sigma in enumerate(sigmas):
+        fused = fuse(frames, model.forward(), labels, dense=thorough)
+        for k in range(INNER):
+            told((i + k / INNER) / len(sigmas))
+            T = model.forward()
+            H1, g1 = fused_equations(frames, canonical, T, fused, sigma, 1 if thorough else frames.stride)
+            H2, g2 = canonical_equations(frames, canonical, T, labels, 2 * sigma, one_sided)
+            before, model = model, gauss_newton_step(model, canonical, H1 + H2, g1 + g2)
+            if np.abs(model.q - before.q).max() < CONVERGED and np.abs(model.twist - before.twist).max() < CONVERGED:
+                break
+    return model

@@ -1,0 +1,155 @@
+"""Do one, two or three joints in series explain how two parts move against each other?
+
+The relative poses A_f are compared with prod_k exp(q_fk s_k) under the information W_f that registration left about
+them, so unobservable directions weigh nothing. The cost over sigma^2 is a chi-square.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, log_se3, log_so3
+from rearticulate.joints.articulated import MAX_STEP, normalise_twists
+
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
+
+
+@dataclass(frozen=True)
+class ChainFit:
+    """cost (B,), twist (B, k, 6), q (B, F, k), revolute (B, k)."""
+
+    cost: Array
+    twist: Array
+    q: Array
+    revolute: NDArray[np.bool_]
+
+    def take(self, b) -> ChainFit:
+        return ChainFit(self.cost[b], self.twist[b], self.q[b], self.revolute[b])
+
+
+def relative_motion(T: Array, H: Array, a: IntArray, b: IntArray, canonical: int) -> tuple[Array, Array]:
+    """Motion A (B, F, 4, 4) of parts a seen from parts b, canonical coordinates, and its information W (B, F, 6, 6).
+
+    W is the parallel sum of the two registrations' information: what both know.
+    """
+    T, H = np.swapaxes(T, 0, 1), np.swapaxes(H, 0, 1)  # (P, F, ...)
+    A = inverse(T[b]) @ T[a]
+    Ad = adjoint(T[b])
+    Ad_t = np.swapaxes(Ad, -1, -2)
+    Wa, Wb = Ad_t @ H[a] @ Ad, Ad_t @ H[b] @ Ad
+    total = Wa + Wb
+    size = np.trace(total[..., 3:, 3:], axis1=-2, axis2=-1)[..., None, None]
+    ridge = 1e-7 * (size + 1) * np.diag([350.0] * 3 + [1.0] * 3)
+    W = Wa - Wa @ np.linalg.solve(total + ridge, Wa)
+    W = (W + np.swapaxes(W, -1, -2)) / 2
+    W[:, canonical] = 0
+    return A, W
+
+
+def weighted_square(e: Array, W: Array) -> Array:
+    """(..., F, 6), (..., F, 6, 6) -> (...): sum over frames of e' W e."""
+    return np.einsum("...fi,...fij,...fj->...", e, W, e)
+
+
+def rest_cost(A: Array, W: Array) -> Array:
+    """(B,) cost of no joint at all."""
+    return weighted_square(log_se3(A), W)
+
+
+def fit_chain(
+    A: Array, W: Array, twist: Array, q: Array, revolute: NDArray[np.bool_], canonical: int, iterations: int = 14
+) -> ChainFit:
+    """Gauss-Newton from twist (B, k, 6), q (B, F, k); joint values are eliminated frame by frame. Best iterate kept."""
+    B, F = A.shape[:2]
+    k = twist.shape[1]
+    best = ChainFit(np.full(B, np.inf), twist.copy(), q.copy(), revolute)
+    damp_q = 3e-3 * np.where(revolute, 3.5, 1e-4)
+    damp_s = 3e-3 * np.tile(np.array([350.0] * 3 + [1.0] * 3), k)
+    limit_q = np.where(revolute, 0.1, 18.0)[:, None]
+    for i in range(iterations + 1):
+        steps = exp_se3(q[..., None] * twist[:, None])  # (B, F, k, 4, 4)
+        before = np.empty_like(steps)
+        T = np.broadcast_to(np.eye(4), (B, F, 4, 4))
+        for j in range(k):
+            before[:, :, j] = T
+            T = T @ steps[:, :, j]
+        e = log_se3(A @ inverse(T))
+        cost = weighted_square(e, W)
+        better = cost < best.cost
+        for mine, new in zip((best.cost, best.twist, best.q), (cost, twist, q), strict=True):
+            mine[better] = new[better]
+        if i == iterations:
+            break
+        Ad = adjoint(before)
+        Jq = np.swapaxes((Ad @ twist[:, None, :, :, None])[..., 0], -1, -2)  # (B, F, 6, k)
+        Js = np.moveaxis(Ad @ (np.eye(6) - adjoint(steps)), 2, 3).reshape(B, F, 6, 6 * k)
+        WJq, We = W @ Jq, (W @ e[..., None])[..., 0]
+        Hqq = np.swapaxes(Jq, -1, -2) @ WJq + np.eye(k) * damp_q[:, None, None, :]
+        Hqs = np.swapaxes(WJq, -1, -2) @ Js
+        gq = np.einsum("bfik,bfi->bfk", Jq, We)
+        Hss = np.einsum("bfia,bfic->bac", Js, W @ Js) + np.diag(damp_s)
+        gs = np.einsum("bfia,bfi->ba", Js, We)
+        solved = np.linalg.solve(Hqq, np.concatenate([Hqs, gq[..., None]], -1))
+        S = Hss - np.einsum("bfka,bfkc->bac", Hqs, solved[..., :-1])
+        r = gs - np.einsum("bfka,bfk->ba", Hqs, solved[..., -1])
+        ds = np.linalg.solve(S, r[..., None])[..., 0]
+        dq = solved[..., -1] - np.einsum("bfka,ba->bfk", solved[..., :-1], ds)
+        eta = np.clip(ds.reshape(B, k, 6), -MAX_STEP, MAX_STEP)
+        twist = normalise_twists((adjoint(exp_se3(eta)) @ twist[..., None])[..., 0], revolute)
+        q = q + np.clip(dq, -limit_q, limit_q)
+        q[:, canonical] = 0
+    return best
+
+
+def fit_revolute(A: Array, W: Array, canonical: int, iterations: int = 10) -> ChainFit:
+    """One revolute joint; start: principal rotation axis, centre of least displacement."""
+    w = log_so3(A[..., :3, :3])
+    known = np.trace(W[..., 3:, 3:], axis1=-2, axis2=-1) + 1e-9
+    axis = np.linalg.eigh(np.einsum("bf,bfi,bfj->bij", known, w, w))[1][..., 2]
+    M = np.eye(3) - A[..., :3, :3]
+    MtM = np.einsum("bf,bfji,bfjk->bik", known, M, M)
+    ridge = 1e-5 * known.sum(1)[:, None, None] * np.eye(3)
+    origin = np.linalg.solve(MtM + ridge, np.einsum("bf,bfji,bfj->bi", known, M, A[..., :3, 3])[..., None])[..., 0]
+    twist = np.concatenate([axis, np.cross(origin, axis)], -1)
+    q = np.einsum("bfi,bi->bf", w, axis)
+    q[:, canonical] = 0
+    return fit_chain(A, W, twist[:, None], q[..., None], np.ones((len(A), 1), bool), canonical, iterations)
+
+
+def fit_prismatic(A: Array, W: Array, centre: Array, canonical: int, iterations: int = 8) -> ChainFit:
+    """One prismatic joint; start: principal displacement of the moving part's centre (B, 3)."""
+    d = np.einsum("bfij,bj->bfi", A[..., :3, :3], centre) + A[..., :3, 3] - centre[:, None]
+    axis = np.linalg.svd(d, full_matrices=False)[2][:, 0]
+    q = np.einsum("bfi,bi->bf", d, axis)
+    q[:, canonical] = 0
+    twist = np.concatenate([np.zeros_like(axis), axis], -1)
+    return fit_chain(A, W, twist[:, None], q[..., None], np.zeros((len(A), 1), bool), canonical, iterations)
+
+
+def fit_series(A: Array, W: Array, contact: Array, k: int, canonical: int, starts: int, seed: int = 0) -> ChainFit:
+    """k revolute joints in series near the contact (B, 3), from several starts; the best of each pair."""
+    B, F = A.shape[:2]
+    rng = np.random.default_rng(seed)
+    w = log_so3(A[..., :3, :3])
+    V = np.linalg.svd(w, full_matrices=True)[2] if F >= 3 else np.broadcast_to(np.eye(3), (B, 3, 3))
+    directions = []
+    for s in range(starts):
+        if s == 0:
+            directions.append(V[:, :k])
+        elif s == 1:
+            directions.append(V[:, [1, 0, 2]][:, :k])
+        else:
+            Q = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+            directions.append(np.broadcast_to(Q[:k], (B, k, 3)))
+    d = np.stack(directions, 1).reshape(B * starts, k, 3)
+    many = [np.repeat(a, starts, axis=0) for a in (A, W, contact, w)]
+    twist = np.concatenate([d, np.cross(np.broadcast_to(many[2][:, None], d.shape), d)], -1)
+    q = np.einsum("bfi,bki->bfk", many[3], d)
+    q[:, canonical] = 0
+    fit = fit_chain(many[0], many[1], twist, q, np.ones((B * starts, k), bool), canonical)
+    best = fit.cost.reshape(B, starts).argmin(1) + starts * np.arange(B)
+    return fit.take(best)

@@ -1,0 +1,1 @@
+"""A finished model in new scans: its posture in each, without given correspondences."""

@@ -1,0 +1,51 @@
+"""What each half of a fit is given and what it gives, whatever method it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rearticulate.config import FitConfig
+from rearticulate.joints.articulated import Articulated
+from rearticulate.joints.spherical import BallTree
+from rearticulate.observe.flow import SceneFlow
+from rearticulate.observe.frames import Frames
+from rearticulate.parts.labels import Labeller
+from rearticulate.parts.relaxed import Relaxed
+
+IntArray = NDArray[np.integer]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Frames, and the canonical one that the model is fitted from.
+
+    flow: between successive frames, none where no half asks for it. progress(stage, fraction done of it). device: of
+    gradient descent.
+    """
+
+    frames: Frames
+    canonical: int
+    flow: tuple[SceneFlow, ...]
+    labeller: Labeller
+    config: FitConfig
+    progress: Callable[[str, float], None]
+    device: str = "cpu"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One complete fit from one canonical frame, in the fitter's units. energy: what canonical frames are chosen by."""
+
+    canonical: int
+    tree: Articulated | BallTree
+    labels: IntArray
+    energy: float
+    relaxed: Relaxed
+
+
+Relax = Callable[[Problem, np.random.Generator], Relaxed]
+Articulate = Callable[[Problem, Relaxed, np.random.Generator], Candidate]

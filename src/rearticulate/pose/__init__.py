@@ -1,1 +1,0 @@
-"""Poses of a finished model from sparse observations."""

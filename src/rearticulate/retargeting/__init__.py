@@ -1,0 +1,1 @@
+"""Inverse kinematics of a finished model from a few points."""

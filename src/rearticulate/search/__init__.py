@@ -1,0 +1,1 @@
+"""The stages of the direct solver in their order: first parts, then joints."""

@@ -1,0 +1,72 @@
+"""A mechanism that is left out by name takes no part in a fit, and all others do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+import pytest
+
+from rearticulate.bench.variants import variant
+from rearticulate.config import MECHANISMS, FitConfig
+from rearticulate.pipeline import fit
+from rearticulate.records import PointSequence
+from rearticulate.synth import objects
+from rearticulate.synth.articulated import record
+
+HOME = {  # the function that a mechanism is, in the module that calls it
+    "network": "parts.matched_starts.MatchedStarts.possible",
+    "pose repair": "search.relax.repair_poses",
+    "part at rest": "search.relax.part_at_rest",
+    "small middles": "joints.project._replace_small_middles",
+    "hidden links": "joints.project.hidden_links",
+    "joint repair": "search.articulate.repair_joints",
+    "simplify": "search.articulate.simplify",
+    "second look": "search.articulate.restructure",
+    "pose repair of the second look": "search.articulate.repair_poses",
+    "seams": "search.articulate.cut_seams",
+    "incomplete frames": "search.incomplete.between",
+}
+WITHIN = {"second look": {"pose repair of the second look"}}
+
+
+@pytest.fixture(scope="module")
+def lamp() -> PointSequence:
+    """A hinge, of which one frame shows only a half."""
+    sequence, _ = record(objects.hinge(), frames=5, points=700, step_deg=15, seed=1)
+    points = [p[p[:, 0] > p[:, 0].mean()] if f == 4 else p for f, p in enumerate(sequence.points)]
+    return PointSequence.from_arrays(points)
+
+
+def watched(function: Callable[..., Any], mechanism: str, seen: set[str]) -> Callable[..., Any]:
+    def noted(*arguments: Any, **named: Any) -> Any:
+        seen.add(mechanism)
+        return function(*arguments, **named)
+
+    return noted
+
+
+@pytest.fixture
+def used(monkeypatch: pytest.MonkeyPatch) -> set[str]:
+    """The mechanisms that were at work."""
+    seen: set[str] = set()
+    for mechanism, path in HOME.items():
+        parts = path.split(".")
+        owner = import_module(".".join(["rearticulate", *parts[:2]]))
+        for name in parts[2:-1]:
+            owner = getattr(owner, name)
+        monkeypatch.setattr(owner, parts[-1], watched(getattr(owner, parts[-1]), mechanism, seen))
+    return seen
+
+
+@pytest.mark.parametrize("mechanism", [None, *MECHANISMS])
+def test_one_mechanism_is_left_out(mechanism: str | None, lamp: PointSequence, used: set[str]) -> None:
+    config = FitConfig() if mechanism is None else variant(f"without {mechanism}")
+    fit(lamp, config, canonical=2)
+    assert used == set(MECHANISMS) - {mechanism} - WITHIN.get(mechanism or "", set())
+
+
+def test_all_can_be_left_out_at_once(lamp: PointSequence, used: set[str]) -> None:
+    result = fit(lamp, FitConfig(without=MECHANISMS), canonical=2)
+    assert used == set() and result.model.n_parts >= 1
