@@ -70,6 +70,10 @@ PERFECT = {
     "rand_index_per_scan": 1,
     "tree_edit_distance": 0,
     "joint_type_share": 1,
+    "true_edges_share": 1,
+    "tree_edit_distance_best_root": 0,
+    "tree_and_types": 1,
+    "exact": 1,
     "joint_axis_median_deg": 0,
     "joint_position_median_percent": 0,
 }
