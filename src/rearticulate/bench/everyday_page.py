@@ -27,7 +27,7 @@ TEXT = (
     "with its types has the true shape, whatever its parts are. Both and the edit distance: under the best root where "
     "the root moves. True edges: share of the true joints found with the right type. Axis z: root mean square of the "
     "errors of determined axes over the deviations that the fit tells, 1 where these are honest; in the rows of means "
-    "over all joints. *Slide*: has one. Robots count as robots only, Fetch with its lift, too."
+    "over all joints. *Slide*: has one. Robots are a group of their own, Fetch with its lift among them."
 )
 
 
