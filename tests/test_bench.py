@@ -106,6 +106,9 @@ def test_the_report_shows_what_there_is():
     assert "| nao | noise_1mm | 0.250 | 2.50 |" in text
     assert "| nao | 1.5 | 2.0 |" in text
     assert "mean of all 16" not in text
+    assert (
+        text.count("| tree edit | exact | reanimate cm |") == text.count("| axis deg | axis z | axis position % |") == 2
+    )
 
 
 def test_means_are_over_the_objects_that_have_the_metric():
@@ -323,6 +326,6 @@ def test_the_page_of_mechanisms_leaves_out_one_at_a_time():
     answers |= {f"without network/{name}": some_answer(0.1, seconds=1.0) for name in objects}
     answers["without network/solo"] = some_answer(1.6, exact=0.0)
     text = mechanisms_page.report({}, answers)
-    assert f"| default | 0.100 | 0.900 | 1.00 | 1.00 | 2.0 | {len(objects)} objects |" in text
+    assert f"| default | 0.100 | 0.900 | 1.00 | 1.00 | 2.0 | of {len(objects)} |" in text
     assert "| without network | +0.100 | +0.000 | +0.00 | -0.07 | -0.9 | 1 of 15 |" in text
     assert all(name in text for name in objects)

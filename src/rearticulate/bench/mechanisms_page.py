@@ -28,7 +28,7 @@ def report(stamp: dict[str, str], answers: dict[str, Answer]) -> str:
     """The whole page. answers: those there are, by the names of the jobs."""
     pairs = {variant: _pairs(variant, answers) for variant in WITHOUT}
     default = [answers[key] for name in OBJECTS if (key := f"{DEFAULT}/{name}") in answers]
-    rows = [["default", *_cells(_means(default), ""), f"{len(default)} objects"]] if default else []
+    rows = [["default", *_cells(_means(default), ""), f"of {len(default)}"]] if default else []
     for variant, found in pairs.items():
         if found:
             before, now = (_means([pair[i] for pair in found]) for i in (0, 1))
