@@ -8,18 +8,32 @@ from dataclasses import replace
 import pytest
 
 from oracle import perfect_fit
-from rearticulate.bench.cases import ALL, BROKEN, PERTURBATIONS, Case, find_case
+from rearticulate.bench import capture_page, everyday_page, mechanisms_page, stability_page
+from rearticulate.bench.cases import (
+    BROKEN,
+    BUNDLED,
+    CAPTURE,
+    CAPTURED,
+    EVERYDAY,
+    PERTURBATIONS,
+    RETOLD,
+    SETS,
+    WITH_SLIDES,
+    Case,
+    find_case,
+)
 from rearticulate.bench.columns import mean_metrics
 from rearticulate.bench.flow_page import fits
-from rearticulate.bench.gate import is_worse, regressions
+from rearticulate.bench.gate import is_worse, load_facts, regressions
 from rearticulate.bench.markdown import table
 from rearticulate.bench.pages import PAGES, find_page
-from rearticulate.bench.results_page import report
+from rearticulate.bench.results_page import JOBS, report
 from rearticulate.bench.runner import Job, Runner
-from rearticulate.bench.variants import variant
+from rearticulate.bench.variants import VARIANTS, WITHOUT, variant
 from rearticulate.bench.worker import run_case
-from rearticulate.commands.benching import choose
-from rearticulate.errors import InputError
+from rearticulate.commands.benching import BenchOptions, choose, run_bench
+from rearticulate.errors import FitError, InputError
+from rearticulate.io import load_truth
 
 
 def perfect_answer(case, folder):
@@ -28,18 +42,33 @@ def perfect_answer(case, folder):
 
 
 def test_the_cases_are_all_different_and_found_by_name():
-    names = [case.name for case in ALL]
+    names = [job.case.name for job in JOBS]
     assert len(names) == len(set(names)) == 16 + 8 + 4 * len(PERTURBATIONS)
     assert find_case("nao/noise_1mm") == Case("nao", "noise_1mm")
 
 
-@pytest.mark.parametrize("change", ["", *PERTURBATIONS])
+def test_every_object_has_one_place(data_folder):
+    objects = [*(name for names in SETS.values() for name in names), *BUNDLED]
+    assert len(objects) == len(set(objects))
+    assert all(Case(name).path(data_folder).is_file() for name in objects)
+    assert {path.name for path in (data_folder / "everyday").glob("*.npz") if ".truth" not in path.name} == {
+        f"{name}.npz" for name in EVERYDAY
+    }
+    assert set(CAPTURED) <= set(CAPTURE)
+
+
+def test_the_objects_with_slides_are_those_whose_truth_has_one(data_folder):
+    truths = {name: load_truth(data_folder / "everyday" / f"{name}.truth.npz") for name in EVERYDAY}
+    assert {name for name, truth in truths.items() if "prismatic" in truth.joint_type} == set(WITH_SLIDES)
+
+
+@pytest.mark.parametrize("change", ["", *PERTURBATIONS, *RETOLD])
 def test_a_perfect_fit_is_perfect_in_every_case(data_folder, change):
     answer = perfect_answer(Case("refrigerator", change), data_folder)
     metrics = answer["metrics"]
     assert metrics["recon_cm"] == pytest.approx(0, abs=1e-6)
     assert metrics["rand_index_multi_scan"] == 1
-    assert metrics["joint_type_share"] == 1
+    assert metrics["joint_type_share"] == metrics["true_edges_share"] == metrics["exact"] == 1
     assert metrics["seen_recon_cm"] == pytest.approx(0, abs=1e-6)
     assert metrics["seen_share"] > 0.9
     assert metrics["joint_axis_median_deg"] == pytest.approx(0, abs=1e-4)
@@ -63,9 +92,11 @@ def test_the_page_of_phantoms_adds_up():
     assert "| **all** | 8 | 4 | 2 | 2 | 4 | 2 | - |" in text
 
 
-def some_answer(recon=0.1):
+def some_answer(recon=0.1, seconds=2.0, structure="(r())", **more):
     metrics = {"recon_cm": recon, "rand_index": 0.9, "tree_edit_distance": 1.0, "parts": 3.0, "parts_true": 3.0}
-    return {"case": "nao", "seconds": 2.0, "stages": {"track": 1.5}, "peak_mb": None, "metrics": metrics}
+    metrics |= {"tree_edit_distance_best_root": 1.0, "seen_recon_cm": recon, "exact": 1.0, **more}
+    answer = {"case": "nao", "seconds": seconds, "stages": {"track": 1.5}, "peak_mb": None, "metrics": metrics}
+    return {**answer, "structure": structure}
 
 
 def test_the_report_shows_what_there_is():
@@ -75,6 +106,9 @@ def test_the_report_shows_what_there_is():
     assert "| nao | noise_1mm | 0.250 | 2.50 |" in text
     assert "| nao | 1.5 | 2.0 |" in text
     assert "mean of all 16" not in text
+    assert (
+        text.count("| tree edit | exact | reanimate cm |") == text.count("| axis deg | axis z | axis position % |") == 2
+    )
 
 
 def test_means_are_over_the_objects_that_have_the_metric():
@@ -82,15 +116,94 @@ def test_means_are_over_the_objects_that_have_the_metric():
     assert mean_metrics([]) == {}
 
 
+def test_z_scores_are_pooled_over_joints():
+    few = {"axis_z_squared_sum": 16.0, "axis_z_count": 1.0, "axis_z_rms": 4.0}
+    many = {"axis_z_squared_sum": 9.0, "axis_z_count": 9.0, "axis_z_rms": 1.0}
+    assert mean_metrics([few, many, {"x": 1.0}])["axis_z_rms"] == pytest.approx(2.5**0.5)
+
+
 def test_a_table_by_hand():
     assert table(["a", "b"], [["1", "2"]]) == "| a | b |\n| --- | ---: |\n| 1 | 2 |"
 
 
+def page_of(machine="A", **answers):
+    return {"stamp": {"machine": machine, "jobs": "1"}, "answers": answers}
+
+
 def test_the_gate_names_what_got_worse():
-    baseline = {"nao": some_answer(0.10), "solo": some_answer(0.10)}
-    now = {"nao": some_answer(0.20), "solo": some_answer(0.11), "a1": some_answer(9.0)}
+    baseline = page_of(nao=some_answer(0.10), solo=some_answer(0.10))
+    now = page_of(nao=some_answer(0.20), solo=some_answer(0.11), a1=some_answer(9.0))
     assert regressions(baseline, now) == ["nao: recon_cm 0.1 -> 0.2"]
     assert regressions(now, baseline) == []
+    lost = page_of(nao=some_answer(0.10, exact=0.0), solo=some_answer(0.10, rand_index=0.8))
+    assert regressions(baseline, lost) == ["nao: exact 1 -> 0", "solo: rand_index 0.9 -> 0.8"]
+
+
+def test_the_gate_compares_seconds_and_memory_on_one_machine():
+    def slow(seconds, megabytes, machine="A"):
+        return page_of(machine, nao={**some_answer(seconds=seconds), "peak_mb": megabytes})
+
+    assert regressions(slow(20.0, 400.0), slow(31.0, 650.0)) == [
+        "nao: seconds 20 -> 31",
+        "nao: peak_mb 400 -> 650",
+    ]
+    assert regressions(slow(20.0, 400.0), slow(29.0, 590.0)) == []
+    assert regressions(slow(2.0, 100.0), slow(6.9, 290.0)) == []  # little more, whatever the ratio
+    assert regressions(slow(20.0, 400.0), slow(99.0, 9e9, "B")) == []
+    assert regressions(slow(20.0, None), slow(20.0, 400.0)) == []
+
+
+def test_the_gate_pools_the_z_scores():
+    def z(*squares):
+        return page_of(**{f"o{i}": some_answer(axis_z_squared_sum=s, axis_z_count=1.0) for i, s in enumerate(squares)})
+
+    assert regressions(z(1.0, 1.0), z(1.0, 7.0)) == ["all joints: axis_z_rms 1 -> 2"]
+    assert regressions(z(1.0, 1.0), z(0.4, 1.7)) == []
+    assert regressions(page_of(nao=some_answer()), z(9.0)) == []
+
+
+@pytest.fixture
+def bench(tmp_path, data_folder, monkeypatch):
+    """`bench phantoms` in an empty folder, whose fits all answer the same; returns what goes to stderr."""
+
+    def run(answer, capsys, **options):
+        monkeypatch.setattr(Runner, "run", lambda self, wanted: {job.name: answer for job in wanted})
+        defaults = {"only": frozenset(), "seed": 0, "jobs": 1, "fresh": False, "quick": False, "gate": False}
+        run_bench("phantoms", tmp_path, BenchOptions(**{**defaults, "baseline": None, "as_json": False, **options}))
+        return capsys.readouterr().err
+
+    return run
+
+
+COUNTS = dict.fromkeys(("joints_real", "joints_real_sure", "joints_made_up", "joints_sure_wrong"), 1.0)
+
+
+def test_bench_with_a_gate_compares_with_the_page_as_it_was(bench, tmp_path, capsys):
+    page = tmp_path / "phantoms.json"
+    good, bad = some_answer(0.1, **COUNTS), some_answer(0.3, **COUNTS)
+    with pytest.raises(InputError, match="not the numbers of an earlier benchmark"):
+        bench(good, capsys, gate=True)
+    bench(good, capsys)
+    before = page.read_text()
+    assert "nothing got worse in 13 fits (0 more are new)" in bench(good, capsys, gate=True)
+    with pytest.raises(FitError, match=r"^13 numbers got worse than in .*phantoms.json$"):
+        bench(bad, capsys, gate=True)
+    assert "direct/cabinet_c1: recon_cm 0.1 -> 0.3" in capsys.readouterr().err
+    assert load_facts(page)["answers"]["direct/cabinet_c1"] == bad  # written all the same
+    assert "nothing got worse" in bench(bad, capsys, gate=True)
+    kept = tmp_path / "kept.json"
+    kept.write_text(before)
+    with pytest.raises(FitError, match=r"1 numbers got worse than in .*kept.json"):
+        bench(bad, capsys, baseline=kept, only=frozenset({"cabinet_c1"}))
+    kept.write_text(before.replace('"machine": "', '"machine": "another '))
+    assert "seconds and memory are not compared" in bench({**good, "seconds": 99.0}, capsys, baseline=kept)
+    kept.write_text(before.replace("direct/", "other/"))
+    with pytest.raises(FitError, match=r"none of these fits is in .*kept.json"):
+        bench(good, capsys, baseline=kept)
+    for broken in ("[]", "{}", '{"answers": {"direct/nao": 1}}', '{"answers": {"direct/nao": {"metrics": 1}}}', "x"):
+        kept.write_text(broken)
+        with pytest.raises(InputError, match="not the numbers of an earlier benchmark"):
+            bench(good, capsys, baseline=kept)
 
 
 @pytest.mark.parametrize(
@@ -113,7 +226,8 @@ def test_every_page_shows_what_there_is():
     for page in (p for name, p in PAGES.items() if name not in ("flow", "loops")):  # those measure
         text = page.render({"seed": "0"}, {})
         assert text.startswith("# ")
-        assert "published" in text.lower() or page in (PAGES["use"], PAGES["phantoms"], PAGES["dynamics"])
+    for name in ("results", "robots", "energies", "designs", "household", "time"):
+        assert "published" in PAGES[name].render({"seed": "0"}, {}).lower()
     names = ("panda", "nao")
     text = PAGES["energies"].render({}, answers_of(names, {job.variant for job in PAGES["energies"].jobs}))
     assert text.count("0.100 (") == 7
@@ -147,7 +261,7 @@ def test_pages_and_jobs_are_found_by_name():
     assert choose(jobs, frozenset({"nao/noise_1mm"})) == jobs[1:2]
     with pytest.raises(InputError, match="called none"):
         choose(jobs, frozenset({"none"}))
-    with pytest.raises(InputError, match="no table 'x'; there are results, robots"):
+    with pytest.raises(InputError, match="no table 'x'; there are results, everyday"):
         find_page("x")
 
 
@@ -158,6 +272,8 @@ def test_finished_jobs_are_not_run_again(tmp_path):
     runner.path(job).write_text(json.dumps(some_answer()))
     assert runner.run([job]) == {"direct/nao": some_answer()}
     assert Runner(tmp_path, seed=1).path(job) != runner.path(job)
+    assert Runner(tmp_path, seed=1).path(job) == runner.path(Job(Case("nao"), seed=1))
+    assert Job(Case("nao"), seed=1).name == "direct/nao seed 1"
     assert Runner(tmp_path, quick=True).path(Job(Case("nao"), "paper")) != runner.path(Job(Case("nao"), "paper"))
 
 
@@ -166,3 +282,50 @@ def test_fits_with_and_without_the_network_stand_side_by_side():
     table = fits(answers)[1]
     assert "| **mean** | direct | 0.100" in table
     assert "| nao | without network | 0.300" in table
+
+
+def test_the_everyday_page_has_means_and_medians_by_kind():
+    answers = {job.name: some_answer(0.1, true_edges_share=0.5) for job in everyday_page.JOBS}
+    answers["direct/cutter"] = some_answer(0.5, exact=0.0)
+    text = everyday_page.report({}, answers)
+    assert "| cutter *slide* | 0.00 | - | 1.00 | - | 3 of 3 | 0.900 | 0.500 | - | - | 2.0 |" in text
+    assert "| **mean of all** (33) | 0.97 | - | 1.00 | 0.50 | - | 0.900 | 0.112 | - | - | 2.0 |" in text
+    assert "| **median of objects with slides** | - | - | 1.00 | 0.50 | - | 0.900 | 0.100 |" in text
+    assert "| **mean of objects with hinges only** (10) |" in text and "| **mean of robots** (9) |" in text
+    del answers["direct/cutter"]
+    assert "**mean of all**" not in everyday_page.report({}, answers)
+
+
+def test_captured_views_stand_beside_the_same_sequence_from_all_around():
+    assert Job(Case("nao")) in capture_page.JOBS and len(capture_page.JOBS) == len(set(capture_page.JOBS))
+    answers = {job.name: some_answer(0.3) for job in capture_page.JOBS}
+    answers["direct/nao"] = some_answer(0.1)
+    text = capture_page.report({}, answers)
+    assert "| nao_c1 | 0.300 | 0.100 | 3.0 | - | 3 of 3 | 1.00 | 1.00 | - | 2.0 |" in text
+    assert "| panda_fixed1 | 0.300 | - | - |" in text
+    assert "| cabinet_11views/points_5000 seed 2 | 0.300 |" in text
+
+
+def test_the_stability_page_counts_what_keeps_its_structure():
+    answers = {job.name: some_answer() for job in stability_page.JOBS}
+    answers["direct/solo seed 2"] = some_answer(structure="()")
+    answers["direct/nao/other_world"] = some_answer(structure="()")
+    del answers["direct/stapler/other_world"]
+    text = stability_page.report({}, answers)
+    cell = "3 of 3, 1, 0.100"
+    assert f"| solo | {cell} | {cell} | {cell} | {cell} | no | yes |" in text
+    assert f"| nao | {cell} | {cell} | {cell} | {cell} | yes | no |" in text
+    assert "| stapler |" in text and "| **share that keeps it** | - | - | - | - | 11 of 12 | 10 of 11 |" in text
+
+
+def test_the_page_of_mechanisms_leaves_out_one_at_a_time():
+    assert "without network" in WITHOUT and "without field" not in WITHOUT
+    assert all(VARIANTS[name].relax == VARIANTS[name].articulate == "direct" for name in WITHOUT)
+    objects = mechanisms_page.OBJECTS
+    answers = {f"direct/{name}": some_answer(0.1) for name in objects}
+    answers |= {f"without network/{name}": some_answer(0.1, seconds=1.0) for name in objects}
+    answers["without network/solo"] = some_answer(1.6, exact=0.0)
+    text = mechanisms_page.report({}, answers)
+    assert f"| default | 0.100 | 0.900 | 1.00 | 1.00 | 2.0 | of {len(objects)} |" in text
+    assert "| without network | +0.100 | +0.000 | +0.00 | -0.07 | -0.9 | 1 of 15 |" in text
+    assert all(name in text for name in objects)

@@ -22,6 +22,7 @@ PERTURBATIONS = {
     "one_sided_half": lambda s, t: perturb.drop_one_sided_half(s, t, 2),
     "one_sided": perturb.one_sided,
     "moving_root": perturb.moving_root,
+    "other_world": perturb.other_world,
     "every_second": lambda s, t: perturb.every_nth_frame(s, t, 2),
     "reordered": lambda s, t: perturb.select_frames(s, t, [3, 1, 4]),
     "slow": lambda s, t: perturb.interpolate(s, t, 13),

@@ -329,7 +329,12 @@ def bench(
     ] = None,
     jobs: Annotated[int, typer.Option(help="Fits at the same time; they share the cores.")] = 1,
     seed: Seed = 0,
-    compare: Annotated[Path | None, typer.Option(help="Earlier .json: exit with 1 where a number got worse.")] = None,
+    gate: Annotated[
+        bool, typer.Option("--gate", help="Exit with 1 where a number got worse than in the page as it was.")
+    ] = False,
+    baseline: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="--gate against the .json of another page.")
+    ] = None,
     fresh: Annotated[bool, typer.Option("--fresh", help="Run finished fits again.")] = False,
     quick: Annotated[
         bool, typer.Option("--quick", help="A fraction of the paper's iterations; the page says so.")
@@ -339,7 +344,7 @@ def bench(
     """Fit the sequences with ground truth and write a page of tables; a stopped run goes on where it was."""
     from rearticulate.commands.benching import BenchOptions, run_bench
 
-    run_bench(table, output, BenchOptions(frozenset(only or ()), seed, jobs, fresh, quick, compare, json))
+    run_bench(table, output, BenchOptions(frozenset(only or ()), seed, jobs, fresh, quick, gate, baseline, json))
 
 
 @app.command("train-flow")

@@ -28,10 +28,77 @@ HOUSEHOLD = (
     "safety_switch",
     "sink_cabinet",
 )
-BUNDLED = tuple(bundled.names())
+EVERYDAY_ROBOTS = ("b1", "fetch", "gen3", "inspire", "k1", "lite6", "mini_cheetah", "so101", "z1")
+EVERYDAY = (
+    *EVERYDAY_ROBOTS,
+    "carton",
+    "carton_f10",
+    "cutter",
+    "cutter_f10",
+    "ext_table",
+    "eyeglasses",
+    "folding_rule",
+    "kettle",
+    "lighter",
+    "office_chair",
+    "office_chair_f10",
+    "pliers",
+    "scissors",
+    "ss_drawers",
+    "ss_drawers_f10",
+    "ss_range",
+    "ss_wardrobe",
+    "stapler",
+    "stapler_f10",
+    "syringe",
+    "telescope_arm",
+    "telescope_arm_f10",
+    "toaster",
+    "toaster_f10",
+)
+WITH_SLIDES = (  # of EVERYDAY
+    "fetch",
+    "cutter",
+    "cutter_f10",
+    "ext_table",
+    "office_chair",
+    "office_chair_f10",
+    "ss_drawers",
+    "ss_drawers_f10",
+    "ss_range",
+    "ss_wardrobe",
+    "syringe",
+    "telescope_arm",
+    "telescope_arm_f10",
+    "toaster",
+    "toaster_f10",
+)
+CAPTURE = (  # what depth cameras see: 11 viewpoints, NAME_cN of another set by N cameras, others
+    "cabinet_11views",
+    "nao_c1",
+    "allegro_c1",
+    "refrigerator_c1",
+    "cabinet_c1",
+    "base_cabinet_c2",
+    "panda_fixed1",
+    "panda_fixed4",
+    "panda_hand",
+    "allegro_fixed2",
+    "fridge_fixed1",
+    "fridge_fixed2",
+    "fridge_hand",
+    "range_fixed2",
+    "range_fixed4",
+    "range_scan1",
+)
+CAPTURED = ("fridge_fixed2", "range_fixed4", "refrigerator_c1", "base_cabinet_c2", "cabinet_c1")  # of CAPTURE
+SETS = {"roboart": ROBOTS, "household": HOUSEHOLD, "everyday": EVERYDAY, "capture": CAPTURE}  # by their folders
+BUNDLED = tuple(f"bundled_{name}" for name in bundled.names())
 ROBUSTNESS = ("nao", "solo", "allegro", "refrigerator")
 
-PERTURBATIONS: dict[str, Callable[[PointSequence, GroundTruth], Recording]] = {
+Change = Callable[[PointSequence, GroundTruth], Recording]
+
+PERTURBATIONS: dict[str, Change] = {
     "noise_1mm": lambda s, t: perturb.add_noise(s, t, 0.001),
     "noise_2mm": lambda s, t: perturb.add_noise(s, t, 0.002),
     "points_1024": lambda s, t: perturb.resample(s, t, 1024),
@@ -46,11 +113,16 @@ PERTURBATIONS: dict[str, Callable[[PointSequence, GroundTruth], Recording]] = {
 }
 
 # situations that break the assumptions of the fit
-BROKEN: dict[str, Callable[[PointSequence, GroundTruth], Recording]] = {
+BROKEN: dict[str, Change] = {
     "two_states": lambda s, t: perturb.select_frames(s, t, [0, len(s) - 1]),
     "own_scales": lambda s, t: perturb.rescale(s, t, (1.004, 0.990, 0.992, 0.951)),
 }
-CAPTURED = ("fridge_fixed2", "range_fixed4", "refrigerator_c1", "base_cabinet_c2", "cabinet_c1")  # what cameras see
+
+# the same recording told otherwise, which should change nothing
+RETOLD: dict[str, Change] = {
+    "points_5000": lambda s, t: perturb.resample(s, t, 5000),
+    "other_world": perturb.other_world,
+}
 
 
 @dataclass(frozen=True)
@@ -64,25 +136,18 @@ class Case:
     def name(self) -> str:
         return f"{self.object}/{self.perturbation}" if self.perturbation else self.object
 
-    @property
-    def path(self) -> Path:
-        """The sequence below the data folder."""
-        folder = "roboart" if self.object in ROBOTS else "capture" if self.object in CAPTURED else "household"
-        return Path(folder) / f"{self.object}.npz"
+    def path(self, folder: Path) -> Path:
+        """The sequence below the data folder, or in the package."""
+        for place, names in SETS.items():
+            if self.object in names:
+                return folder / place / f"{self.object}.npz"
+        return bundled.path(self.object.removeprefix("bundled_"))
 
     def load(self, folder: Path) -> Recording:
-        path = bundled.path(self.object) if self.object in BUNDLED else folder / self.path
+        path = self.path(folder)
         sequence, truth = load_sequence(path), load_truth(path.with_suffix(".truth.npz"))
-        change = {**PERTURBATIONS, **BROKEN}.get(self.perturbation)
+        change = {**PERTURBATIONS, **BROKEN, **RETOLD}.get(self.perturbation)
         return change(sequence, truth) if change else (sequence, truth)
-
-
-SETS = {
-    "roboart": [Case(name) for name in ROBOTS],
-    "household": [Case(name) for name in HOUSEHOLD],
-    "robustness": [Case(name, change) for name in ROBUSTNESS for change in ("", *PERTURBATIONS)],
-}
-ALL = list(dict.fromkeys(case for cases in SETS.values() for case in cases))
 
 
 def find_case(name: str) -> Case:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from math import sqrt
 from statistics import mean
 
 from rearticulate.bench.runner import Answer
@@ -18,11 +19,16 @@ COLUMNS = {  # metric: head, decimals
     "rand_index_multi_scan": ("Rand multi", 3),
     "rand_index_per_scan": ("Rand per scan", 3),
     "tree_edit_distance": ("tree edit", 2),
+    "exact": ("exact", 2),
+    "tree_and_types": ("tree and types", 2),
+    "tree_edit_distance_best_root": ("tree edit, best root", 2),
+    "true_edges_share": ("true edges", 2),
     "reanimate_cm": ("reanimate cm", 2),
     "joint_type_share": ("joint types", 2),
     "joints_sure_share": ("sure", 2),
     "joints_sure_wrong": ("sure, not there", 2),
     "joint_axis_median_deg": ("axis deg", 2),
+    "axis_z_rms": ("axis z", 2),
     "joint_position_median_percent": ("axis position %", 2),
     "seen_share": ("seen", 2),
     "seen_recon_cm": ("recon of seen cm", 3),
@@ -35,10 +41,18 @@ def number_cell(value: float | None, key: str) -> str:
 
 
 def mean_metrics(found: Iterable[dict[str, float]]) -> dict[str, float]:
-    """Mean of every metric over those that have it."""
+    """Mean of every metric over those that have it; of the axes' z-scores the root mean square over all joints."""
     every = list(found)
     keys = dict.fromkeys(key for one in every for key in one)
-    return {key: mean(one[key] for one in every if key in one) for key in keys}
+    means = {key: mean(one[key] for one in every if key in one) for key in keys}
+    if "axis_z_count" in means:
+        means["axis_z_rms"] = sqrt(means["axis_z_squared_sum"] / means["axis_z_count"])
+    return means
+
+
+def parts_cell(metrics: dict[str, float]) -> str:
+    """Parts found and true ones."""
+    return f"{metrics['parts']:.0f} of {metrics['parts_true']:.0f}"
 
 
 def answers_of(variant: str, cases: Iterable[str], answers: dict[str, Answer]) -> list[Answer]:

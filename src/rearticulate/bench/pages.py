@@ -5,7 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from rearticulate.bench import dynamics_page, flow_page, paper_pages, phantoms_page, results_page, use_page
+from rearticulate.bench import (
+    capture_page,
+    dynamics_page,
+    everyday_page,
+    flow_page,
+    mechanisms_page,
+    paper_pages,
+    phantoms_page,
+    results_page,
+    stability_page,
+    use_page,
+)
 from rearticulate.bench.runner import Answer, Job
 from rearticulate.errors import InputError
 from rearticulate.extras import needs
@@ -27,6 +38,10 @@ def _loops(stamp: dict[str, str], answers: dict[str, Answer]) -> str:
 
 PAGES = {
     "results": Page(results_page.JOBS, results_page.report),
+    "everyday": Page(everyday_page.JOBS, everyday_page.report),
+    "capture": Page(capture_page.JOBS, capture_page.report),
+    "stability": Page(stability_page.JOBS, stability_page.report),
+    "mechanisms": Page(mechanisms_page.JOBS, mechanisms_page.report),
     "robots": Page(paper_pages.ROBOT_JOBS, paper_pages.robots),
     "energies": Page(paper_pages.ENERGY_JOBS, paper_pages.energy_ablation),
     "designs": Page(paper_pages.DESIGN_JOBS, paper_pages.design_ablation),

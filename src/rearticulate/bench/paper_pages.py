@@ -8,7 +8,7 @@ from statistics import mean
 
 from rearticulate.bench import published
 from rearticulate.bench.cases import HOUSEHOLD, PAPER_TEST, PAPER_VALIDATION, Case
-from rearticulate.bench.columns import COLUMNS, answers_of, mean_metrics, number_cell
+from rearticulate.bench.columns import COLUMNS, answers_of, mean_metrics, number_cell, parts_cell
 from rearticulate.bench.markdown import head, seconds_cell, table
 from rearticulate.bench.published import SIX
 from rearticulate.bench.runner import Answer, Job
@@ -41,7 +41,7 @@ def robots(stamp: dict[str, str], answers: Answers) -> str:
     rows = []
     for name in ROBOTS:
         rows += [
-            [name, preset, *_six(found["metrics"]), _parts(found), seconds_cell(found["seconds"])]
+            [name, preset, *_six(found["metrics"]), parts_cell(found["metrics"]), seconds_cell(found["seconds"])]
             for preset in COMPARED
             if (found := answers.get(f"{preset}/{name}"))
         ]
@@ -153,10 +153,6 @@ def _validation_mean(answers: Answers, variant: str, part: str) -> dict[str, flo
 
 def _six(metrics: dict[str, float]) -> Row:
     return [number_cell(metrics.get(key), key) for key in SIX]
-
-
-def _parts(answer: Answer) -> str:
-    return f"{answer['metrics']['parts']:.0f} of {answer['metrics']['parts_true']:.0f}"
 
 
 def _beside(ours: dict[str, float], theirs: Sequence[float]) -> Row:

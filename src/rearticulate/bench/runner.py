@@ -24,15 +24,18 @@ Answer = dict[str, Any]  # see worker.run_case
 
 @dataclass(frozen=True)
 class Job:
-    """One fit: a case under one of `variants.VARIANTS`. use: the model is exported, posed and simulated as well."""
+    """One fit: a case under one of `variants.VARIANTS`. use: the model is exported, posed and simulated as well. seed:
+    what is added to the seed of the run."""
 
     case: Case
     variant: str = "direct"
     use: bool = False
+    seed: int = 0
 
     @property
     def name(self) -> str:
-        return f"{self.variant}/{self.case.name}" + (" used" if self.use else "")
+        seed = f" seed {self.seed}" if self.seed else ""
+        return f"{self.variant}/{self.case.name}{seed}" + (" used" if self.use else "")
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ class Runner:
 
     def path(self, job: Job) -> Path:
         """Where the answer of a job is kept."""
-        key = f"{code_hash()}-{config_hash(variant(job.variant, self.quick))}-{self.seed}"
+        key = f"{code_hash()}-{config_hash(variant(job.variant, self.quick))}-{self.seed + job.seed}"
         return self.cache / key / f"{job.case.name.replace('/', '-')}{'-used' if job.use else ''}.json"
 
     def _run_one(self, job: Job) -> None:
@@ -69,7 +72,8 @@ class Runner:
         threads = str(max(1, (os.cpu_count() or 1) // max(1, self.jobs)))
         limits = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), threads)
         module = "rearticulate.bench.worker"
-        wanted = [job.case.name, job.variant, "quick" if self.quick else "full", str(self.seed), str(path)]
+        seed = str(self.seed + job.seed)
+        wanted = [job.case.name, job.variant, "quick" if self.quick else "full", seed, str(path)]
         command = [sys.executable, "-m", module, *wanted, *(["use"] if job.use else [])]
         pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
         with subprocess.Popen(command, env={**os.environ, **limits}, **pipes) as process:

@@ -44,6 +44,12 @@ VARIANTS: dict[str, FitConfig] = {
     "without canonical choice": _paper(canonical_tries=1),
 }
 
+WITHOUT = tuple(  # the default without one of its mechanisms
+    name
+    for name, config in VARIANTS.items()
+    if name.startswith("without ") and (config.relax, config.articulate) == ("direct", "direct")
+)
+
 
 def variant(name: str, quick: bool = False) -> FitConfig:
     """The configuration of a name; quick: with few iterations, from one canonical frame. Raises InputError with the

@@ -18,6 +18,7 @@ from rearticulate.bench.seen import seen_metrics
 from rearticulate.bench.variants import variant
 from rearticulate.evaluation.metrics import evaluate
 from rearticulate.evaluation.relaxed import evaluate_relaxed
+from rearticulate.evaluation.structure import root_moves, structure
 from rearticulate.io.atomic import atomic_file
 from rearticulate.parallel import die_with_parent
 from rearticulate.pipeline import fit
@@ -37,6 +38,7 @@ def run_case(case: Case, folder: Path, seed: int, fitter: Fit, used: bool = Fals
         "frames": len(sequence),
         "points": max(len(p) for p in sequence.points),
         "canonical": result.model.canonical,
+        "structure": structure(result.model.parent, result.model.joint_type, root_moves(truth)),
         "seconds": seconds,
         "stages": _seconds_by_stage(result),
         "peak_mb": peak_megabytes(),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rearticulate.bench.cases import data_folder
-from rearticulate.bench.gate import regressions
+from rearticulate.bench.gate import Facts, load_facts, regressions, same_machine
 from rearticulate.bench.pages import find_page
 from rearticulate.bench.runner import Job, Runner
 from rearticulate.bench.stamp import stamp
@@ -21,14 +21,15 @@ from rearticulate.io.atomic import atomic_file, reserve
 
 @dataclass(frozen=True)
 class BenchOptions(Settings):
-    """What the command line says about a benchmark."""
+    """What the command line says about a benchmark. gate: compare with the page as it was, or with `baseline`."""
 
     only: frozenset[str]
     seed: Seed
     jobs: Count
     fresh: bool
     quick: bool
-    compare: Path | None
+    gate: bool
+    baseline: Path | None
     as_json: bool
 
 
@@ -37,6 +38,9 @@ def run_bench(name: str, out: Path, options: BenchOptions) -> None:
     page = find_page(name)
     data_folder()  # says at once where there is none
     wanted = choose(page.jobs, options.only)
+    written = out / (f"{name}-quick" if options.quick else name)
+    baseline = options.baseline or (written.with_suffix(".json") if options.gate else None)
+    before = load_facts(baseline) if baseline else None
     with reserve(out / f"{name}.md"):
         answers = Runner(out / ".cache", options.seed, options.jobs, options.fresh, options.quick).run(wanted)
     configs = {job.variant: variant(job.variant, options.quick) for job in page.jobs}
@@ -51,15 +55,14 @@ def run_bench(name: str, out: Path, options: BenchOptions) -> None:
     else:
         print(text)
     if not options.only:
-        name = f"{name}-quick" if options.quick else name
         for suffix, content in ((".md", text), (".json", json.dumps(facts, indent=1) + "\n")):
-            with atomic_file(out / f"{name}{suffix}") as partial:
+            with atomic_file(written.with_suffix(suffix)) as partial:
                 partial.write_text(content, encoding="utf-8")
-    failed = [job.name for job in wanted if job.name not in answers]
-    if failed:
-        raise FitError(f"without a result: {', '.join(failed)}")
-    if options.compare is not None:
-        _compare(options.compare, answers)
+    failed = ", ".join(job.name for job in wanted if job.name not in answers)
+    problems = [f"without a result: {failed}"] if failed else []
+    problems += [f"{problem} in {baseline}" for problem in compare(before, facts)] if before else []
+    if problems:
+        raise FitError("; ".join(problems))
 
 
 def choose(jobs: list[Job], only: frozenset[str]) -> list[Job]:
@@ -72,15 +75,16 @@ def choose(jobs: list[Job], only: frozenset[str]) -> list[Job]:
     return [job for job, own in zip(jobs, names, strict=True) if not only or own & only]
 
 
-def _compare(baseline: Path, answers: dict) -> None:
-    """Raises FitError if a number got worse than in the baseline."""
-    try:
-        before = json.loads(baseline.read_text())["answers"]
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{baseline}: not the numbers of an earlier benchmark ({error})") from None
-    worse = regressions(before, answers)
+def compare(before: Facts, now: Facts) -> list[str]:
+    """Says which numbers got worse; returns what is wrong with them, in a few words."""
+    common = len(before["answers"].keys() & now["answers"].keys())
+    if not common:
+        return ["none of these fits is"]
+    if not same_machine(before, now):
+        say("seconds and memory are not compared: another machine, or another number of fits at the same time")
+    worse = regressions(before, now)
     for line in worse:
         say(line)
-    if worse:
-        raise FitError(f"{len(worse)} numbers got worse than in {baseline}")
-    say("nothing got worse")
+    if not worse:
+        say(f"nothing got worse in {common} fits ({len(now['answers']) - common} more are new)")
+    return [f"{len(worse)} numbers got worse than"] if worse else []

@@ -78,6 +78,16 @@ def joint_errors(result: FitResult, truth: GroundTruth, match: IntArray) -> list
     return errors
 
 
+def axis_z_scores(errors: list[JointError], result: FitResult) -> Array:
+    """(K,) errors of axis directions over the deviations that the fit reports for them, where it reports any.
+
+    An `axis_std` is that of the whole direction, of both its components together: where all are honest, the root mean
+    square is 1 (it would be 1.41 for the deviation of one component).
+    """
+    pairs = [(e.axis_rad, result.joints[e.predicted].axis_std) for e in errors]
+    return np.array([error / std for error, std in pairs if std])
+
+
 def existing_joints(
     result: FitResult, truth: GroundTruth, true_labels: list[IntArray], errors: list[JointError]
 ) -> NDArray[np.bool_]:

@@ -9,7 +9,8 @@ import numpy as np
 
 from rearticulate.errors import InputError
 from rearticulate.evaluation.clustering import rand_index
-from rearticulate.evaluation.joints import existing_joints, joint_errors, match_parts
+from rearticulate.evaluation.joints import axis_z_scores, existing_joints, joint_errors, match_parts
+from rearticulate.evaluation.structure import structure_metrics
 from rearticulate.evaluation.tree_distance import tree_edit_distance
 from rearticulate.geometry.se3 import inverse, transform
 from rearticulate.records import Array, FitResult, GroundTruth, IntArray, Metric, PointSequence
@@ -23,14 +24,16 @@ def evaluate(result: FitResult, truth: GroundTruth, sequence: PointSequence) -> 
     _check(result, truth, sequence)
     true_labels = [truth.labels[f][sequence.index[f]] for f in range(len(sequence))]
     labels = canonical_labels(result, truth, sequence)
+    match = match_parts(result, truth, true_labels)
     return [
         *flow_metrics(*point_motion(result, truth, labels)),
         *_segmentation_metrics(result, true_labels),
         Metric("tree_edit_distance", tree_edit_distance(result.model.parent, truth.parent), "edits", "lower"),
+        *structure_metrics(result, truth, match),
         *_reanimation_metrics(result, truth, labels, sequence.index[result.model.canonical]),
         Metric("parts", result.model.n_parts, "parts", ""),
         Metric("parts_true", len(truth.parent), "parts", ""),
-        *_joint_metrics(result, truth, true_labels),
+        *_joint_metrics(result, truth, true_labels, match),
     ]
 
 
@@ -126,11 +129,11 @@ def _reanimation_metrics(result: FitResult, truth: GroundTruth, labels: IntArray
     return [Metric("reanimate_cm", 100 * float(np.mean(errors)), "cm", "lower")]
 
 
-def _joint_metrics(result: FitResult, truth: GroundTruth, true_labels: list[IntArray]) -> list[Metric]:
+def _joint_metrics(result: FitResult, truth: GroundTruth, true_labels: list[IntArray], match: IntArray) -> list[Metric]:
     """Type of every true joint (missing ones count as wrong); axes of those whose type is right and that are sure."""
     if truth.joint_type is None or truth.joint_axis is None or truth.joint_point is None or len(truth.parent) < 2:
         return []
-    errors = joint_errors(result, truth, match_parts(result, truth, true_labels))
+    errors = joint_errors(result, truth, match)
     right = [e for e in errors if e.type_right]
     sure = [e for e in right if result.joints[e.predicted].determined]
     real = existing_joints(result, truth, true_labels, errors)
@@ -147,6 +150,13 @@ def _joint_metrics(result: FitResult, truth: GroundTruth, true_labels: list[IntA
     if sure:
         degrees = float(np.degrees(np.median([e.axis_rad for e in sure])))
         metrics.append(Metric("joint_axis_median_deg", degrees, "deg", "lower"))
+    z = axis_z_scores(sure, result)
+    if len(z):
+        metrics += [
+            Metric("axis_z_rms", float(np.sqrt(np.mean(z**2))), "", ""),
+            Metric("axis_z_squared_sum", float(np.sum(z**2)), "", ""),  # with the count, to pool several objects
+            Metric("axis_z_count", len(z), "joints", ""),
+        ]
     offsets = [e.position_m for e in sure if not np.isnan(e.position_m)]
     if offsets:
         size = np.linalg.norm(np.ptp(result.model.points, axis=0))

@@ -26,7 +26,23 @@ def tree_edit_distance(a: IntArray, b: IntArray) -> int:
     """Distance of two rooted trees given by their `parent` arrays (P,), -1 at the root."""
     trees = _Trees()
     A, B = trees.add(a), trees.add(b)
-    return 0 if A == B else _Search(trees).distance(((A,),), ((B,),))
+    return _Search(trees).distance([((A,),)], ((B,),))
+
+
+def tree_edit_distance_best_root(a: IntArray, b: IntArray) -> int:
+    """The least distance over all nodes that the first tree could be rooted at."""
+    trees = _Trees()
+    shapes = {trees.add(rerooted(a, root)) for root in range(len(a))}
+    B = trees.add(b)
+    return _Search(trees).distance([((A,),) for A in shapes], ((B,),))
+
+
+def rerooted(parent: IntArray, root: int) -> IntArray:
+    """The same tree (P,) with another root: the joints on the way to the old one are turned round."""
+    out, below, node = np.array(parent), -1, root
+    while node >= 0:
+        out[node], below, node = below, node, int(parent[node])
+    return out
 
 
 class _Trees:
@@ -69,10 +85,10 @@ class _Search:
         self.bound: dict[tuple[Forest, Forest], int] = {}
         self.exact: set[tuple[Forest, Forest]] = set()
 
-    def distance(self, F: Forest, G: Forest) -> int:
-        """The smallest budget that suffices."""
-        budget = self.at_least(F, G)
-        while (found := self.search(F, G, budget)) > budget:
+    def distance(self, forests: list[Forest], G: Forest) -> int:
+        """The smallest budget that suffices for one of the forests, which have the same number of nodes."""
+        budget = min(self.at_least(F, G) for F in forests)
+        while (found := min(self.search(F, G, budget) for F in forests)) > budget:
             budget = found
         return budget
 

@@ -102,6 +102,17 @@ def moving_root(
     return _recording(clouds, sequence, replace(truth, poses=walk[:, None] @ truth.poses))
 
 
+def other_world(sequence: PointSequence, truth: GroundTruth, *, seed: int = 0) -> Recording:
+    """The same recording told in another world frame: turned at random, and shifted by the object's diagonal."""
+    rng = np.random.default_rng(seed)
+    turn, shift = random_directions(2, rng)
+    W = exp_se3(np.concatenate([rng.uniform(0.5, np.pi) * turn, np.zeros(3)]))
+    W[:3, 3] = np.linalg.norm(np.ptp(sequence.points[0], axis=0)) * shift
+    carried = _carried(truth, np.broadcast_to(W, truth.poses[0].shape))
+    moved = replace(carried, poses=W @ truth.poses @ inverse(W), novel=W @ truth.novel @ inverse(W))
+    return _recording([transform(W, p) for p in sequence.points], sequence, moved)
+
+
 def select_frames(sequence: PointSequence, truth: GroundTruth, frames: Sequence[int]) -> Recording:
     """The given frames in the given order; the first of them becomes the new frame 0 of the ground truth."""
     rows = list(frames)
