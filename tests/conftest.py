@@ -14,9 +14,10 @@ settings.register_profile("quick", max_examples=25, deadline=None, derandomize=T
 settings.load_profile("quick")
 
 SLOW = (  # whole fits, browsers, thousands of files, fresh processes: all others take less than a minute together
-    *("atomic", "bounds", "examples", "export", "export_command", "extras", "fit", "gate", "guess", "hostile"),
-    *("hostile_names", "incomplete", "network_training", "neural_relax", "parallel", "posing_commands", "public_names"),
-    *("shape", "spherical", "track", "view"),
+    *("atomic", "bench", "bounds", "cli", "deviation", "examples", "export", "export_command", "extras", "fit", "gate"),
+    *("guess", "hostile", "hostile_names", "incomplete", "network_training", "neural_energies", "neural_model"),
+    *("neural_refine", "neural_relax", "observe", "parallel", "posing_commands", "public_names", "retarget", "shape"),
+    *("spherical", "synth_creatures", "track", "view"),
 )
 
 
