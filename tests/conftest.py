@@ -14,9 +14,10 @@ settings.register_profile("quick", max_examples=25, deadline=None, derandomize=T
 settings.load_profile("quick")
 
 SLOW = (  # whole fits, browsers, thousands of files, fresh processes: all others take less than a minute together
-    *("atomic", "bounds", "examples", "export", "export_command", "extras", "fit", "gate", "hostile"),
-    *("hostile_names", "incomplete", "localization", "matched_starts", "mechanisms", "paper_relax", "parallel"),
-    *("posing_commands", "public_names", "shape", "spherical", "training", "view"),
+    *("atomic", "bench", "bounds", "cli", "deviation", "examples", "export", "export_command", "extras", "fit", "gate"),
+    *("hostile", "hostile_names", "incomplete", "localization", "matched_starts", "mechanisms", "paper_energies"),
+    *("paper_model", "paper_refine", "paper_relax", "parallel", "posing_commands", "public_names", "retarget", "shape"),
+    *("spherical", "synth_creatures", "training", "view"),
 )
 
 
