@@ -55,21 +55,21 @@ ENGINES: dict[str, tuple[Callable[[Path], Engine], str, bool]] = {  # name: engi
 
 def gate(robot: Robot, folder: Path) -> dict[str, dict[str, float]]:
     """Measures (see `measure`) by the names of the engines installed. folder: with a URDF, an MJCF and a USD."""
-    found = {}
+    found, surfaces = {}, solids(robot)
     for name, (load, suffix, driven) in ENGINES.items():
         try:
             engine = load(folder / f"{robot.name}.{suffix}")
         except ModuleNotFoundError:
             continue
-        found[name] = measure(engine, robot, driven)
+        found[name] = measure(engine, robot, surfaces, driven)
     return found
 
 
-def measure(engine: Engine, robot: Robot, driven: bool) -> dict[str, float]:
+def measure(engine: Engine, robot: Robot, surfaces: Surfaces, driven: bool) -> dict[str, float]:
     """moved: largest change of a joint value in a second without any force, rad or m. depth_mm: deepest contact at
     rest. sweep_mm: deepest one while each joint alone moves over its range; random_mm: at random postures; both without
-    links whose surfaces meet there. holds: largest change of a joint value in a second under gravity and drives."""
-    surfaces = solids(robot)
+    links whose surfaces (`solids`) meet there. holds: largest change of a joint value in a second under gravity and
+    drives."""
     measures = {
         "moved": engine.run(SECONDS, gravity=False, driven=False),
         "depth_mm": 1000 * max(engine.contacts({}).values(), default=0.0),

@@ -56,10 +56,10 @@ def regressions(before: Facts, now: Facts) -> list[str]:
     """One line a number that got worse, of the answers that both have; seconds and memory on one machine only."""
     old, new = before["answers"], now["answers"]
     lines, common = [], sorted(old.keys() & new.keys())
+    costs = COSTS if same_machine(before, now) else {}
     for name in common:
         lines += _worse(name, old[name]["metrics"], new[name]["metrics"], TOLERANCE)
-        if same_machine(before, now):
-            lines += _worse(name, old[name], new[name], COSTS)
+        lines += _worse(name, old[name], new[name], costs)
     pool, pool_now = (mean_metrics(answers[name]["metrics"] for name in common) for answers in (old, new))
     return lines + _worse("all joints", pool, pool_now, POOLED)
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from itertools import product
 from typing import Any
 
-from rearticulate.config import MECHANISMS, PRESETS, FitConfig
+from rearticulate.config import MECHANISMS, PRESETS, FitConfig, Mechanism
 from rearticulate.errors import InputError
 
 QUICK = {"chamfer_iterations": 200, "emd_iterations": 300, "final_iterations": 25}
@@ -26,9 +26,11 @@ def energies(used: tuple[bool, ...]) -> str:
     return "energy:" + "+".join(name for name, on in zip(ENERGIES, used, strict=True) if on)
 
 
+# the default without one of its mechanisms
+WITHOUT: dict[str, Mechanism] = {f"without {name}": name for name in MECHANISMS}
 VARIANTS: dict[str, FitConfig] = {
     **PRESETS,
-    **{f"without {name}": FitConfig(without=(name,)) for name in MECHANISMS},
+    **{name: FitConfig(without=(mechanism,)) for name, mechanism in WITHOUT.items()},
     **{
         energies(used): _paper(
             {name: 0.0 for name, on in zip(ENERGIES, used, strict=True) if not on} | {"final_iterations": 0},
@@ -43,12 +45,6 @@ VARIANTS: dict[str, FitConfig] = {
     "without Gumbel": _paper({"gumbel": False}),
     "without canonical choice": _paper(canonical_tries=1),
 }
-
-WITHOUT = tuple(  # the default without one of its mechanisms
-    name
-    for name, config in VARIANTS.items()
-    if name.startswith("without ") and (config.relax, config.articulate) == ("direct", "direct")
-)
 
 
 def variant(name: str, quick: bool = False) -> FitConfig:
