@@ -48,7 +48,7 @@ def test_what_has_no_rigid_parts_stops_at_so_many_and_says_so(bent: tuple[FitRes
 def test_every_stage_tells_how_far_it_is(bent: tuple[FitResult, Calls]) -> None:
     _, calls = bent
     clean: Calls = []
-    sequence, _ = record(objects.hinge(), frames=5, points=800, step_deg=15, seed=1)
+    sequence, _ = record(objects.hinge(), frames=5, points=1200, step_deg=15, seed=1)
     result = fit(sequence, replace(FEW, max_parts=40), progress=lambda stage, done: clean.append((stage, done)))
     assert result.notes == ()
     for told in (calls, clean):

@@ -10,9 +10,9 @@ import pytest
 from oracle import in_spacings
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.joints.seams import best_cut
-from rearticulate.observe.energy import evidence_frames
 from rearticulate.observe.frames import make_frames
 from rearticulate.observe.fused import surface_noise
+from rearticulate.observe.misfit import evidence_frames
 from rearticulate.parts.labels import (
     IMPOSSIBLE,
     SHEET_THICKNESS,

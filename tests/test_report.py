@@ -271,5 +271,5 @@ def test_misfit_is_what_exceeds_the_sampling_and_energy_says_whose_it_is() -> No
     result = replace(toy()[0], residual=np.array([5.0, 3.0, 1.0, 2.0]), sampling=np.array([4.0, 3.0, 2.0, 0.0]))
     assert result_as_dict(result)["misfit"] == [3.0, 0.0, 0.0, 2.0]
     assert result_as_dict(toy()[0])["misfit"] is None
-    assert "energy 0.4 spacings" in headline(result)
+    assert "energy 0.4 a point" in headline(result)
     assert "energy 0.4 of the paper (E_project + E_group)" in headline(replace(result, config={"articulate": "paper"}))

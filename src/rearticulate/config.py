@@ -23,7 +23,9 @@ Mechanism = Literal[
     "joint repair",  # restarts and sweeps of joints, under a tree
     "simplify",  # joints that the data do not need are fixed
     "second look",  # other structures than the first, from more accurate motions
-    "pose repair of the second look",
+    "exchange",  # whole layers go to one body
+    "sweep",  # poses along the directions of which the points say little
+    "split",  # a body becomes two
     "seams",  # plane borders across the axes of hinges
     "incomplete frames",  # frames that show only a part of the object take no part in finding the structure
 ]
@@ -92,7 +94,7 @@ class FitConfig(Settings):
     articulate: Literal["direct", "paper"] = "direct"  # the tree: `search.articulate`, `methods.paper.method`
     without: Mechanisms = ()  # mechanisms of the direct solver that are left out, of `MECHANISMS`
     working_points: Count = 5000  # points a frame that take part in the fit; all are labelled
-    canonical_tries: Count = 4  # frames from which the model is fitted, at most; the lowest energy wins
+    canonical_tries: Count = 4  # frames from which the model is fitted, at most; the lowest score wins
     canonical_work: Count = 82_000  # ... and two at least, but no more than make this many points to register in all
     canonical_share: Share = 0.9  # frames with less than this share of the most points a frame has come last
     capture_range: Positive = 37.0  # spacings; robust scale of a correspondence when the tracking of a frame begins
@@ -100,9 +102,7 @@ class FitConfig(Settings):
     max_fragments: Count = 80  # ... of tracked patches, once there are no more fragments than this
     merge_threshold: Positive = 0.045  # spacings; growth of a point's misfit below which two fragments are one body
     max_parts: Count = 40  # rigid parts that are worked with; where more are found, the smallest are dissolved
-    minimum_points: NotNegative = 20.0  # a frame; a part with fewer is dissolved by its coarse labels ...
-    minimum_support: NotNegative = 12.0  # ... and below this when the structure is looked at again
-    rest_chi2: NotNegative = 1.0  # parts that rest against each other better than this are one
+    minimum_points: NotNegative = 20.0  # a frame; a part with fewer is dissolved by its coarse labels
     joint_chi2: NotNegative = 3.0  # one joint is enough below this
     slide_margin: NotNegative = 6.0  # extra chi-square, not per degree of freedom, at which a slide is still preferred
     max_hidden: CountOrZero = 20  # links without points of their own, in all

@@ -285,7 +285,7 @@ class FitResult:
     labels:   one (N_f,) array a frame: part of every point of the input sequence.
     joints:   one record a part (the root's is empty of meaning).
     energy:   what canonical frames are chosen by, lowest first; energies: of every one that was tried. From the direct
-              solver the label-free energy, in point spacings; from the paper's E_project + E_group (its supplement), of
+              solver the score a point (`parts.bodies.score`); from the paper's E_project + E_group (its supplement), of
               an object scaled to `deviation.radius`: the two do not compare.
     residual: (F,) mean distance of the moved canonical points to each frame's points, m; sampling: (F,) what it would
               be for an exact model, for the points of two samples of one surface lie apart. None in older files.

@@ -15,8 +15,8 @@ from rearticulate.joints.diagnose import diagnose
 from rearticulate.joints.spherical import BallTree, diagnose_balls
 from rearticulate.machine import machine
 from rearticulate.methods.problem import Candidate
-from rearticulate.observe.energy import frame_residual, sampling_distance
 from rearticulate.observe.frames import Frames
+from rearticulate.observe.misfit import frame_residual, sampling_distance
 from rearticulate.observe.scale import Scales, frame_scales
 from rearticulate.parts.relaxed import Relaxed
 from rearticulate.records import (

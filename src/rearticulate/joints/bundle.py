@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.geometry.robust import geman_mcclure
-from rearticulate.geometry.se3 import inverse, log_se3, rotate, transform
+from rearticulate.geometry.se3 import inverse, log_se3
 from rearticulate.joints.articulated import Articulated, gauss_newton_step
 from rearticulate.observe.frames import Frames
-from rearticulate.observe.fused import fuse, fused_equations, points_behind
-from rearticulate.observe.register import CONVERGED, match, normal_equations
+from rearticulate.observe.fused import points_behind
+from rearticulate.observe.register import CONVERGED
+from rearticulate.parts.bodies import Bodies, bodies_equations, make_bodies
 from rearticulate.progress import Told, untold
 
 Array = NDArray[np.floating]
@@ -19,7 +20,6 @@ IntArray = NDArray[np.integer]
 SIGMA_WIDE, SIGMA = 1.5, 0.56  # robust scales of a point, first and usual, in spacings
 FINE, FINE_NOISE, FINE_MAX = 0.2, 2.5, 0.8  # the last scale: at least, in units of the noise, at most
 INNER = 4
-REACH = 5.6  # spacings beyond which a moved canonical point has no counterpart
 POSE_STEPS = 15
 POSE_SIGMA = 1.0  # robust scale of a part's misfit to its free pose, in spacings
 
@@ -49,30 +49,6 @@ def adjust_to_poses(
     return best, misfit
 
 
-def canonical_equations(
-    frames: Frames,
-    canonical: int,
-    T: Array,
-    labels: IntArray,
-    sigma: float,
-    skip: IntArray | None = None,
-) -> tuple[Array, Array]:
-    """Normal equations H (F, P, 6, 6), g (F, P, 6) of the canonical points moved onto every frame but those to skip."""
-    F, P = T.shape[:2]
-    rows = frames.rows(canonical)
-    x, nx, label = frames.points[rows], frames.normals[rows], labels[rows]
-    H, g = np.zeros((F, P, 6, 6)), np.zeros((F, P, 6))
-    for f in range(F):
-        if f == canonical or (skip is not None and f in skip):
-            continue
-        tree, normals = frames.trees[f], frames.normals[frames.rows(f)]
-        y, ny = transform(T[f, label], x), rotate(T[f, label], nx)
-        z, nz, d, r, agreement = match(tree, normals, y, ny)
-        w = geman_mcclure(r * r + 0.1 * d * d, sigma) * np.where(agreement > 0.5, agreement, 0.0) * (d < REACH)
-        H[f], g[f] = normal_equations(y, z, nz, w, 0.03 * w, label, P)
-    return H, g
-
-
 def last_sigma(noise: float) -> float:
     """The robust scale when labels are settled and what does not fit is wrong. noise: of the surface, in spacings."""
     return float(np.clip(FINE_NOISE * noise, FINE, FINE_MAX))
@@ -84,23 +60,19 @@ def bundle_adjust(
     model: Articulated,
     labels: IntArray,
     sigmas: tuple[float, ...],
-    thorough: bool = False,
-    one_sided: IntArray | None = None,
     told: Told = untold,
 ) -> Articulated:
-    """Gauss-Newton with the fused clouds rebuilt once a scale. sigmas: robust scales, in spacings.
-
-    thorough: all points are asked, against all points, instead of a sample against a sample. one_sided: frames that do
-    not show the whole object; their points must be explained, but they need not explain all of the object.
-    """
+    """Gauss-Newton on all points against the points of their own part, with new normals once a scale. sigmas: robust
+    scales, in spacings."""
+    bodies: Bodies = ()
     for i, sigma in enumerate(sigmas):
-        fused = fuse(frames, model.forward(), labels, dense=thorough)
+        bodies = make_bodies(frames, model.forward(), labels, bodies)
         for k in range(INNER):
             told((i + k / INNER) / len(sigmas))
-            T = model.forward()
-            H1, g1 = fused_equations(frames, canonical, T, fused, sigma, 1 if thorough else frames.stride)
-            H2, g2 = canonical_equations(frames, canonical, T, labels, 2 * sigma, one_sided)
-            before, model = model, gauss_newton_step(model, canonical, H1 + H2, g1 + g2)
+            H, g = bodies_equations(bodies, sigma)
+            before, model = model, gauss_newton_step(model, canonical, H, g)
             if np.abs(model.q - before.q).max() < CONVERGED and np.abs(model.twist - before.twist).max() < CONVERGED:
                 break
+            T = model.forward()
+            bodies = tuple(body.moved(T[:, p]) for p, body in enumerate(bodies))
     return model

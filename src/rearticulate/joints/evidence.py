@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from rearticulate.geometry.nearest import contact, nearest
 from rearticulate.geometry.se3 import transform
 from rearticulate.observe.frames import Frames
-from rearticulate.observe.fused import INFORMATION_SIGMA, Fused, fuse, fused_equations, points_behind
+from rearticulate.observe.fused import INFORMATION_SIGMA, Fused, fuse, points_behind
+from rearticulate.parts.bodies import bodies_equations, make_bodies
 from rearticulate.parts.relaxed import Relaxed
 
 Array = NDArray[np.floating]
@@ -67,7 +68,7 @@ def plane_noise(frames: Frames, canonical: int, model: Relaxed) -> float:
 
 def gather_evidence(frames: Frames, canonical: int, model: Relaxed) -> Evidence:
     fused = fuse(frames, model.T, model.labels)
-    H, _ = fused_equations(frames, canonical, model.T, fused, INFORMATION_SIGMA)
+    H, _ = bodies_equations(make_bodies(frames, model.T, model.labels), INFORMATION_SIGMA)
     return Evidence(model.T, H, plane_noise(frames, canonical, model), fused, canonical)
 
 

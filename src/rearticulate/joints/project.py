@@ -15,19 +15,17 @@ from rearticulate.config import FitConfig
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import inverse, transform
 from rearticulate.joints.bundle import adjust_to_poses
-from rearticulate.joints.chains import ChainFit, fit_prismatic, fit_revolute, fit_series, relative_motion, rest_cost
+from rearticulate.joints.chains import ChainFit, fit_prismatic, fit_revolute, fit_series, relative_motion
 from rearticulate.joints.evidence import Evidence, contact_point, gather_evidence
 from rearticulate.joints.tree import Link, Projection, assemble, choose_root, spanning_tree
 from rearticulate.observe.frames import Frames
-from rearticulate.parts.cluster import adjacent_labels
-from rearticulate.parts.relaxed import Relaxed, merge_pair
+from rearticulate.parts.relaxed import Relaxed
 from rearticulate.progress import Told, steps, untold
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 # Chi-squares are per degree of freedom.
-MERGE_RMS = 0.36  # spacings; touching parts whose relative motion is below this are one (and chi-square below 10)
 JOINT_RMS = 0.25  # spacings; one joint is enough when its misfit is below this
 GAIN = 0.2  # another joint in series must lower the chi-square to this share
 SMALL_RMS = 0.5  # spacings; misfits below this need the stricter gain
@@ -41,26 +39,6 @@ LINK_NEAR = 4.0  # spacings; a hidden link starts with the points of the part th
 LINK_FAR = 12.0  # ... or within this one
 LINK_SHARE = 0.4  # ... but with at most this share of them
 SMALL_PART = 0.04  # share of the points below which a part may become a link of a chain
-
-
-def merge_resting(frames: Frames, canonical: int, model: Relaxed, rest_chi2: float) -> Relaxed:
-    """Merge touching parts that rest against each other, to a chi-square below rest_chi2, the most similar first."""
-    while model.n_parts > 1:
-        evidence = gather_evidence(frames, canonical, model)
-        pairs = sorted(adjacent_labels(evidence.fused.z[::4], model.labels[::4], 12))
-        if not pairs:
-            return model
-        a, b = np.array(pairs).T
-        A, W = relative_motion(model.T, evidence.H, a, b, canonical)
-        cost = rest_cost(A, W)
-        x, rms = evidence.reduced(cost), evidence.rms(cost, W)
-        slight = (rms < MERGE_RMS) & (x < 10)
-        x = np.where(slight, np.minimum(x, 0.9 * rest_chi2 * rms / MERGE_RMS), x)
-        best = int(x.argmin())
-        if x[best] >= rest_chi2:
-            return model
-        model = merge_pair(frames, model, int(a[best]), int(b[best]), model.counts())
-    return model
 
 
 def part_gaps(evidence: Evidence, P: int, rng: np.random.Generator, told: Told = untold, sample: int = 400) -> Array:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from rearticulate.geometry.nearest import contact, nearest, search_tree
 from rearticulate.joints.articulated import Articulated
-from rearticulate.observe.energy import point_misfit
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import to_canonical
+from rearticulate.observe.misfit import point_misfit
 from rearticulate.parts.labels import SHEET_RADIUS, SHEET_THICKNESS, part_distances, sheet_evidence
 
 Array = NDArray[np.floating]

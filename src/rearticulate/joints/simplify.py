@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from rearticulate.joints.articulated import Articulated
 from rearticulate.joints.bundle import SIGMA, adjust_to_poses, bundle_adjust
-from rearticulate.observe.energy import energy
 from rearticulate.observe.frames import Frames
-from rearticulate.observe.fused import INFORMATION_SIGMA, fuse, fused_equations, points_behind
+from rearticulate.observe.fused import INFORMATION_SIGMA, points_behind
+from rearticulate.parts.bodies import bodies_equations, make_bodies, score
 from rearticulate.parts.cluster import adjacent_labels
 from rearticulate.progress import Told, steps, untold
 
@@ -78,7 +78,7 @@ class FixedJoint:
 
 def poses_of(frames: Frames, canonical: int, tree: Articulated, labels: IntArray) -> Poses:
     T = tree.forward()
-    H, _ = fused_equations(frames, canonical, T, fuse(frames, T, labels), INFORMATION_SIGMA, frames.stride)
+    H, _ = bodies_equations(make_bodies(frames, T, labels), INFORMATION_SIGMA)
     return Poses(T, H)
 
 
@@ -114,8 +114,8 @@ def simplify(
     labels: IntArray,
     told: Told = untold,
 ) -> tuple[Articulated, IntArray, float]:
-    """Fix joints, the least needed first, while the energy does not rise. Returns tree, labels (M,) and energy."""
-    value = energy(frames, tree.forward(), labels)
+    """Fix joints, the least needed first, while the score does not rise. Returns tree, labels (M,) and score."""
+    value = score(frames, make_bodies(frames, tree.forward(), labels))
     poses = poses_of(frames, canonical, tree, labels)
     before = tree.n_parts + 1
     for each_round in steps(told, ROUNDS):
@@ -134,7 +134,7 @@ def simplify(
                 continue
             merged = option.number[labels]
             smaller = bundle_adjust(frames, canonical, option.tree, merged, (SIGMA,))
-            new = energy(frames, smaller.forward(), merged)
+            new = score(frames, make_bodies(frames, smaller.forward(), merged))
             if new < value:
                 tree, labels, value, now = smaller, merged, new, option.number[now]
                 poses = poses_of(frames, canonical, tree, labels)

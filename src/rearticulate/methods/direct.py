@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rearticulate.methods.problem import Candidate, Problem
-from rearticulate.observe.energy import energy
+from rearticulate.parts.bodies import make_bodies, score
 from rearticulate.parts.relaxed import Relaxed
 from rearticulate.search.articulate import articulate
 from rearticulate.search.relax import relax
@@ -17,7 +17,8 @@ def relax_direct(problem: Problem, rng: np.random.Generator) -> Relaxed:
 
 
 def articulate_direct(problem: Problem, relaxed: Relaxed, rng: np.random.Generator) -> Candidate:
-    """The tree of joints with the lowest energy."""
+    """The tree of joints with the lowest score."""
     frames, c = problem.frames, problem.canonical
     tree, labels = articulate(frames, c, relaxed, problem.labeller, problem.config, rng, problem.progress)
-    return Candidate(c, tree, labels, energy(frames, tree.forward(), labels), relaxed)
+    bodies = make_bodies(frames, tree.forward(), labels)
+    return Candidate(c, tree, labels, score(frames, bodies) / len(labels), relaxed)

@@ -7,8 +7,9 @@ Points are sorted by their distance from the frame's centroid: permuting or rota
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numba
 import numpy as np
@@ -16,12 +17,16 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from rearticulate.geometry.nearest import nearest, search_tree
+from rearticulate.observe.planes import neighbour_offsets
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 NORMAL_NEIGHBOURS = 16
 NEIGHBOURS = 12
+SURROUNDINGS = 40
+NOISE_FLOOR = 0.1  # spacings; surfaces are not known better than this
+QUARTILE = 3.14  # standard deviations of a normal distribution in the lower quartile of its absolute value
 SAMPLE = 20_000  # points of all frames together that an approximate registration works with
 
 
@@ -62,6 +67,25 @@ class Frames:
         )
 
     @cached_property
+    def noise(self) -> float:
+        """Deviation of points from their surface, in spacings, as far as single frames tell; at least `NOISE_FLOOR`."""
+        found = np.concatenate([neighbour_offsets(np.ascontiguousarray(tree.data)) for tree in self.trees])
+        return max(NOISE_FLOOR, QUARTILE * float(np.quantile(found, 0.25)) / np.sqrt(2)) if len(found) else NOISE_FLOOR
+
+    @cached_property
+    def surroundings(self) -> tuple[IntArray, Array]:
+        """(M, K) rows of more of them, and their distances; -1 and inf where there are no more."""
+        near, distance = (
+            np.full((len(self.points), SURROUNDINGS), -1, np.int32),
+            np.full((len(self.points), SURROUNDINGS), np.inf, np.float32),
+        )
+        for f, tree in enumerate(self.trees):
+            k = min(SURROUNDINGS, tree.n - 1)
+            d, j = nearest(tree, tree.data, k=k + 1)
+            near[self.rows(f), :k], distance[self.rows(f), :k] = j[:, 1:] + self.start[f], d[:, 1:]
+        return near, distance
+
+    @cached_property
     def offsets(self) -> Array:
         """(M, K) distance of each of `neighbours` from the tangent plane of the point."""
         gap = self.points[self.neighbours] - self.points[:, None]
@@ -80,6 +104,20 @@ class Frames:
             order=self.order[rows],
             unit=self.unit,
             centre=self.centre,
+        )
+
+    def only(self, rows: IntArray) -> Frames:
+        """The same frames with these points alone (k,), in ascending order; row k of it is row rows[k] here."""
+        frame = self.frame[rows]
+        start = np.searchsorted(frame, np.arange(self.n_frames + 1))
+        return replace(
+            self,
+            points=self.points[rows],
+            normals=self.normals[rows],
+            frame=frame,
+            start=start,
+            trees=tuple(search_tree(self.points[rows[a:b]]) for a, b in pairwise(start)),
+            order=self.order[rows],
         )
 
     def rows(self, f: int) -> slice:

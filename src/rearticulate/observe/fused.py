@@ -64,10 +64,10 @@ class Fused:
         return self.z[self.surface[j]], self.normals[j], d
 
 
-def fuse(frames: Frames, T: Array, labels: IntArray, neighbours: int = 16, dense: bool = False) -> Fused:
-    """Bring all points to the canonical frame; normals from the fused cloud of each part. dense: no sample."""
+def fuse(frames: Frames, T: Array, labels: IntArray, neighbours: int = 16) -> Fused:
+    """Bring all points to the canonical frame; normals from the fused cloud of each part."""
     z = to_canonical(frames, T, labels)
-    surface = np.arange(0, len(z), 1 if dense else frames.stride)
+    surface = np.arange(0, len(z), frames.stride)
     keyed = apart(z[surface], labels[surface])
     tree = search_tree(keyed)
     d, j = nearest(tree, keyed, k=min(neighbours, len(keyed)))

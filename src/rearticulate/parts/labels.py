@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import inverse, transform
-from rearticulate.observe.energy import evidence_frames, point_misfit
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import apart
+from rearticulate.observe.misfit import evidence_frames, point_misfit
 from rearticulate.parts.relaxed import Relaxed, drop_small
 from rearticulate.progress import Told, rounds, untold
 

@@ -132,7 +132,7 @@ def headline(result: FitResult, sequence: PointSequence | None = None) -> list[s
 def energy_in_words(result: FitResult) -> str:
     """With what it is: solvers measure different things."""
     paper = result.config.get("articulate") == "paper"
-    return f"{result.energy:.4g} " + ("of the paper (E_project + E_group)" if paper else "spacings")
+    return f"{result.energy:.4g} " + ("of the paper (E_project + E_group)" if paper else "a point")
 
 
 def points_of(result: FitResult, sequence: PointSequence) -> dict[str, list[int]]:

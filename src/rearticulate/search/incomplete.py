@@ -15,7 +15,6 @@ from rearticulate.geometry.se3 import exp_se3, inverse, log_se3
 from rearticulate.joints.articulated import Articulated
 from rearticulate.joints.bundle import SIGMA, SIGMA_WIDE, bundle_adjust, last_sigma
 from rearticulate.observe.frames import Frames
-from rearticulate.observe.fused import surface_noise
 from rearticulate.parts.relaxed import spread_labels
 
 Array = NDArray[np.floating]
@@ -51,10 +50,9 @@ def fill_in(
     seen = np.isin(frames.frame, known)
     everything = np.full(len(frames.points), -1)
     everything[seen] = labels
-    missing = np.setdiff1d(np.arange(frames.n_frames), known)
     for sigma in (SIGMA_WIDE, SIGMA):
         spread = spread_labels(frames, canonical, tree.forward(), everything[frames.rows(canonical)])
         everything = np.where(seen, everything, spread)
-        tree = bundle_adjust(frames, canonical, tree, everything, (sigma,), thorough=True, one_sided=missing)
-    fine = last_sigma(surface_noise(frames, canonical, tree.forward(), everything))
-    return bundle_adjust(frames, canonical, tree, everything, (fine,), thorough=True, one_sided=missing), everything
+        tree = bundle_adjust(frames, canonical, tree, everything, (sigma,))
+    fine = last_sigma(frames.noise)
+    return bundle_adjust(frames, canonical, tree, everything, (fine,)), everything

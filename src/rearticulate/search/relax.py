@@ -12,6 +12,7 @@ from rearticulate.config import FitConfig
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import surface_noise
 from rearticulate.observe.register import Schedule
+from rearticulate.parts.bodies import make_bodies
 from rearticulate.parts.cluster import cluster
 from rearticulate.parts.labels import Labeller
 from rearticulate.parts.patches import track_patches
@@ -27,6 +28,7 @@ from rearticulate.parts.repair import repair_poses
 from rearticulate.parts.rest import part_at_rest
 from rearticulate.parts.trial import trial_merge
 from rearticulate.progress import steps
+from rearticulate.search.explain import explain, to_relaxed
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -48,7 +50,7 @@ def relax(
     tracks = track_patches(frames, canonical, config, lambda done: progress("track", done))
     labels, T = cluster(tracks, config.fragment_penalty, config.max_fragments)
     model = Relaxed(T, spread_labels(frames, canonical, T, labels))
-    step = steps(lambda done: progress("segment", done), 12)
+    step = steps(lambda done: progress("segment", done), 13)
     model = register_to_frames(frames, canonical, model, WIDE, next(step))
     model = trial_merge(frames, canonical, model, FIRST_THRESHOLD, rng, next(step))
     found, model = model.n_parts, largest_parts(frames, model, config.max_parts)
@@ -71,5 +73,8 @@ def relax(
         if i == 0:
             model = trial_merge(frames, canonical, model, config.merge_threshold, rng, next(step))
         belief = belief if model.n_parts == before else None
+    if found <= config.max_parts:
+        start = make_bodies(frames, model.T, model.labels)
+        model = to_relaxed(explain(frames, canonical, start, config, told=next(step))[0], len(model.labels))
     progress("segment", 1.0)
-    return replace(register_to_fused(frames, canonical, model), found=found)
+    return replace(model, found=found)

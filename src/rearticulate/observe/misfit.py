@@ -1,5 +1,4 @@
-"""The label-free energy of a fit: how badly the points, carried by their own part, land on the other frames, and what
-the description of the parts costs: their number and the length of their borders."""
+"""How badly points, carried by a part, land on the other frames, whatever lies there."""
 
 from __future__ import annotations
 
@@ -13,12 +12,7 @@ from rearticulate.observe.frames import Frames
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
-PER_JOINT = 0.002  # what a joint must earn: an empty joint must not win by chance
-PER_EMPTY = 0.004  # ... and a link without points: the border it saves must not pay for it
-EMPTY = 5.0  # points a frame that a link shows at least
-PER_BORDER = 0.2  # a patch that slides in itself fits two parts: it must not go to the one it fits better by chance
 EVIDENCE_FRAMES = 12  # that a point is tested against, at most
-SAME_SURFACE = 0.8  # neighbours that lie farther than this from a point's tangent plane are of another surface
 
 
 def evidence_frames(F: int, limit: int = EVIDENCE_FRAMES) -> list[int]:
@@ -46,22 +40,6 @@ def point_misfit(
         total[away] += np.minimum(d, 1.6) + 0.25 * np.minimum(r / 0.28, 3.0)
         count[away] += 1
     return total / np.maximum(count, 1)
-
-
-def border_length(frames: Frames, labels: IntArray) -> float:
-    """Mean share of a point's nearest neighbours in the same surface that belong to another part."""
-    near, here = frames.neighbours[:, :8], frames.offsets[:, :8] < SAME_SURFACE
-    other = (labels[near] != labels[:, None]) & here
-    return float((other.sum(axis=1) / np.maximum(here.sum(axis=1), 1)).mean())
-
-
-def energy(frames: Frames, T: Array, labels: IntArray) -> float:
-    """Mean misfit over every second point of all frames, plus the prices of joints and borders."""
-    rows = np.arange(0, len(labels), 2)
-    misfit = float(point_misfit(frames, T, labels[rows], rows).mean())
-    P = T.shape[1]
-    empty = int((np.bincount(labels, minlength=P) < EMPTY * frames.n_frames).sum())
-    return misfit + PER_JOINT * (P - 1) + PER_EMPTY * empty + PER_BORDER * border_length(frames, labels)
 
 
 def sampling_distance(frames: Frames) -> Array:

@@ -1,0 +1,37 @@
+"""Points sorted into cubic cells, for kernels that look at everything within a reach in one pass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
+
+MOST = 160  # cells along one side; beyond it cells are longer than the reach
+
+
+@dataclass(frozen=True)
+class Cells:
+    """order (n,): points by cell; start (cells + 1,): first of each cell; low (3,), size and shape (3,) of the grid."""
+
+    order: IntArray
+    start: IntArray
+    low: Array
+    size: float
+    shape: IntArray
+
+
+def sort_into_cells(points: Array, reach: float) -> Cells:
+    """Cells at least as long as the reach: what is within it of a place lies in the 27 cells around that place."""
+    if len(points) == 0:
+        return Cells(np.zeros(0, np.int64), np.zeros(2, np.int64), np.zeros(3), reach, np.ones(3, np.int64))
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = max(reach, float((high - low).max()) / MOST)
+    shape = ((high - low) // size).astype(np.int64) + 1
+    place = ((points - low) // size).astype(np.int64)
+    cell = (place[:, 0] * shape[1] + place[:, 1]) * shape[2] + place[:, 2]
+    start = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=int(shape.prod())))])
+    return Cells(np.argsort(cell, kind="stable"), start, low, size, shape)

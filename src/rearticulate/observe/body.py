@@ -1,0 +1,202 @@
+"""A rigid body seen in every frame: its points of all frames carried to one, how well they agree, and the motion under
+which they agree best.
+
+Whether points belong to one body that moves so is asked of these points alone: each must find points of the body in
+the other frames where it lands. Half of the misfit is minus a log-likelihood: of the distance from the plane of the
+nearest of these points, with the noise of the surface, and of the distance within the plane, since a frame is a fresh
+draw of points of known density. Where no point of the body is near, another body's points lie there, or none, and the
+frame denies it. All lengths are in spacings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from rearticulate.geometry.cells import sort_into_cells
+from rearticulate.geometry.robust import geman_mcclure
+from rearticulate.geometry.se3 import exp_se3, inverse, rotate, transform
+from rearticulate.observe.frames import NOISE_FLOOR, Frames
+from rearticulate.observe.misfit import evidence_frames
+from rearticulate.observe.planes import plane_layers
+from rearticulate.observe.register import CONVERGED, normal_equations, solve_twists
+
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
+
+EVIDENCE_FRAMES = 6  # that a point is looked for in, at most
+REACH = 3.0  # within it a frame has a point of the same surface
+NEAREST = 4  # points of the body in a frame that may confirm a point
+WITHIN = 0.7  # per squared spacing: half of what the nearest of fresh points in the plane costs, 2 pi density
+DENIED = 9.0  # misfit of a point that a frame does not confirm
+NONE, HERE = -1, -2  # instead of a partner: the frame has none, or is the point's own
+ASKED = 3000  # points of a body that take part in a registration
+INNER = 3
+POINT_SHARE = 0.02  # of the squared distance of a pair in what is robust in a registration ...
+POINT_WEIGHT = 0.01  # ... and in what it brings together
+MAX_STEP = 0.5
+
+
+@dataclass(frozen=True)
+class Body:
+    """rows (n,) of its points, frame (n,) of each; T (F, 4, 4) T_frame_canonical; points z (n, 3) and normals (n, 3) in
+    the canonical frame."""
+
+    rows: IntArray
+    frame: IntArray
+    T: Array
+    z: Array
+    normals: Array
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def take(self, rows: IntArray | NDArray[np.bool_]) -> Body:
+        return Body(self.rows[rows], self.frame[rows], self.T, self.z[rows], self.normals[rows])
+
+    def carry(self, frames: Frames, rows: IntArray) -> tuple[Array, IntArray]:
+        """Any points (n,) as if they were the body's: carried to the canonical frame (n, 3), and their frames (n,)."""
+        frame = frames.frame[rows]
+        return transform(inverse(self.T)[frame], frames.points[rows]), frame
+
+    def moved(self, T: Array) -> Body:
+        """The same points under another motion (F, 4, 4)."""
+        D = (inverse(T) @ self.T)[self.frame]
+        return replace(self, T=T, z=transform(D, self.z), normals=rotate(D, self.normals))
+
+
+def join(a: Body, b: Body) -> Body:
+    """The points of both, which have the same motion."""
+    return Body(
+        np.concatenate([a.rows, b.rows]),
+        np.concatenate([a.frame, b.frame]),
+        a.T,
+        np.concatenate([a.z, b.z]),
+        np.concatenate([a.normals, b.normals]),
+    )
+
+
+def make_body(frames: Frames, rows: IntArray, T: Array) -> Body:
+    """The body of these points under this motion, with new normals."""
+    frame = frames.frame[rows]
+    z = transform(inverse(T)[frame], frames.points[rows])
+    return Body(rows, frame, T, z, plane_layers(z)[1])
+
+
+@numba.njit(cache=True, nogil=True)
+def _nearest_of_frames(p, own, start, low, size, shape, cloud, target, reach, near, square, count):
+    """The nearest points, by row in near (G, K), of each target frame but the own, in the cells around a point p."""
+    K = near.shape[1]
+    count[:] = 0
+    x, y, u = int((p[0] - low[0]) // size), int((p[1] - low[1]) // size), int((p[2] - low[2]) // size)
+    first, last = max(u - 1, 0), min(u + 2, shape[2])
+    for a in range(max(x - 1, 0), min(x + 2, shape[0])):
+        for b in range(max(y - 1, 0), min(y + 2, shape[1])):
+            base = (a * shape[1] + b) * shape[2]
+            for j in range(start[base + first] if first < last else 0, start[base + last] if first < last else 0):
+                g = target[j]
+                d = (p[0] - cloud[j, 0]) ** 2 + (p[1] - cloud[j, 1]) ** 2 + (p[2] - cloud[j, 2]) ** 2
+                full = count[g] == K
+                if g == own or d > reach * reach or (full and d >= square[g, K - 1]):
+                    continue
+                k = K - 1 if full else count[g]
+                count[g] = k + 1
+                while k > 0 and square[g, k - 1] > d:
+                    square[g, k], near[g, k] = square[g, k - 1], near[g, k - 1]
+                    k -= 1
+                square[g, k], near[g, k] = d, j
+
+
+@numba.njit(cache=True, nogil=True)
+def _best_partners(z, own, start, low, size, shape, cloud, normals, target, row, noise, within, reach, misfit, partner):
+    """For each point z, of the nearest points of each target frame but the own, the one that fits best."""
+    G = misfit.shape[1]
+    near, square, count = np.empty((G, NEAREST), np.int64), np.empty((G, NEAREST)), np.empty(G, np.int64)
+    for i in range(len(z)):
+        _nearest_of_frames(z[i], own[i], start, low, size, shape, cloud, target, reach, near, square, count)
+        for g in range(G):
+            if g == own[i]:
+                misfit[i, g], partner[i, g] = 0.0, HERE
+            best = np.inf
+            for k in range(count[g]):
+                j, across = near[g, k], 0.0
+                for c in range(3):
+                    across += normals[j, c] * (z[i, c] - cloud[j, c])
+                across *= across
+                cost = across / (noise * noise) + within * max(square[g, k] - across, 0.0)
+                if cost < best:
+                    best, partner[i, g] = cost, row[j]
+            misfit[i, g] = min(best, misfit[i, g])
+
+
+def partners(
+    z: Array, frame: IntArray, body: Body, noise: float, targets: Sequence[int] | None = None
+) -> tuple[Array, IntArray]:
+    """Misfit (n, G) of points z (n, 3) of frames (n,), at canonical, to the body's points of each of the target frames,
+    and the one of these points that fits best, `NONE` or `HERE`."""
+    targets = evidence_frames(len(body.T), EVIDENCE_FRAMES) if targets is None else targets
+    slot = np.full(len(body.T), NONE)
+    slot[targets] = np.arange(len(targets))
+    members = np.flatnonzero(slot[body.frame] >= 0)
+    cells = sort_into_cells(body.z[members], REACH)
+    row = members[cells.order]
+    misfit, partner = np.full((len(z), len(targets)), DENIED), np.full((len(z), len(targets)), NONE)
+    _best_partners(
+        z, slot[frame], cells.start, cells.low, cells.size, cells.shape, body.z[row], body.normals[row],
+        slot[body.frame[row]], row, noise, WITHIN, REACH, misfit, partner,
+    )  # fmt: skip
+    return misfit, partner
+
+
+def misfits(z: Array, frame: IntArray, body: Body, noise: float) -> Array:
+    """(n,) mean misfit over the other frames of points z (n, 3) of frames (n,), at canonical, if they were the
+    body's."""
+    misfit, partner = partners(z, frame, body, noise)
+    return misfit.sum(axis=1) / np.maximum((partner != HERE).sum(axis=1), 1)
+
+
+def own_misfits(body: Body, noise: float, asked: IntArray | slice = slice(None)) -> Array:
+    """(n,) of the body's own points, or of those asked."""
+    return misfits(body.z[asked], body.frame[asked], body, noise)
+
+
+def pair_equations(body: Body, sigma: float, stride: int = 1) -> tuple[Array, Array]:
+    """Normal equations H (F, 6, 6), g (F, 6) of left twists, at canonical, of every frame's points onto the planes of
+    their partners. The pairs of a point count as one observation in all, half of it for the partners' frames.
+
+    sigma: robust scale. stride: every stride-th point is asked, and counts for as many.
+    """
+    z, frame, F = body.z[::stride], body.frame[::stride], len(body.T)
+    partner = partners(z, frame, body, max(2 * NOISE_FLOOR, sigma / 3))[1]
+    i, g = np.nonzero(partner >= 0)
+    j = partner[i, g]
+    z, other, n = z[i], body.z[j], body.normals[j]
+    gap = z - other
+    w = geman_mcclure(np.einsum("ni,ni->n", gap, n) ** 2 + POINT_SHARE * np.einsum("ni,ni->n", gap, gap), sigma)
+    w *= 0.5 * stride / np.maximum((partner != HERE).sum(axis=1), 1)[i]
+    H_here, g_here = normal_equations(z, other, n, w, POINT_WEIGHT * w, frame[i], F)
+    H_there, g_there = normal_equations(other, z, n, w, POINT_WEIGHT * w, body.frame[j], F)
+    return H_here + H_there, g_here + g_there
+
+
+def register(
+    frames: Frames, canonical: int, body: Body, sigmas: Sequence[float], asked: int = ASKED, renew: bool = True
+) -> Body:
+    """The motion under which every frame's points lie on those of the other frames.
+
+    sigmas: robust scales of a point. asked: so many points take part, about. renew: with new normals at the end.
+    """
+    F, stride = frames.n_frames, max(1, len(body) // asked)
+    for sigma in sigmas:
+        for _ in range(INNER):
+            step = (F - 1) / F * solve_twists(*pair_equations(body, sigma, stride))  # all frames move at once
+            D = exp_se3(np.clip(step, -MAX_STEP, MAX_STEP))
+            D = inverse(D[canonical]) @ D
+            body = body.moved(body.T @ inverse(D))
+            if np.abs(step).max() < CONVERGED:
+                break
+    return make_body(frames, body.rows, body.T) if renew else body

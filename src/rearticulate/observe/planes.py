@@ -1,0 +1,205 @@
+"""Tangent planes and flat layers of clouds in which sheets lie closer to each other than points of one sheet do.
+
+The plane of a point is the one through it and two neighbours that most neighbours lie in (RANSAC, Fischler & Bolles
+1981), made better by reweighted least squares. A layer is a region that grows within a thin slab (Rabbani et al.
+2006); its points have the normals of the quadratic surface through all of them.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from rearticulate.geometry.nearest import nearest, search_tree
+
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
+
+NEIGHBOURS = 24
+PLANE_NEIGHBOURS = 20  # that vote for the plane of a point
+TRIES = 24  # planes
+NEAREST = 4  # neighbours that tell what points deviate by
+THICKNESS = 0.2  # spacings; half of a sheet: what lies within it votes
+SLAB = 0.1  # spacings; half of the slab that a layer grows in
+STEP = 2.5  # spacings; points of a layer are connected by steps as long as this
+PASSES = 5  # of growing and fitting
+SMALLEST = 8  # points of a layer
+MANY = 20  # points of a layer tell its normal
+CURVED = 2.0
+
+
+@numba.njit(cache=True, nogil=True)
+def _approach_smallest(C, n):
+    """Turn n towards the direction of least spread of the scatter matrix C: inverse iteration with its adjugate."""
+    ridge = 1e-6 * (C[0, 0] + C[1, 1] + C[2, 2]) + 1e-12
+    a, b, c, d, e, f = C[0, 0] + ridge, C[1, 0], C[1, 1] + ridge, C[2, 0], C[2, 1], C[2, 2] + ridge
+    A, B, D = c * f - e * e, d * e - b * f, b * e - c * d
+    E, F, G = a * f - d * d, b * d - a * e, a * c - b * b
+    for _ in range(4):
+        x, y, z = A * n[0] + B * n[1] + D * n[2], B * n[0] + E * n[1] + F * n[2], D * n[0] + F * n[1] + G * n[2]
+        length = (x * x + y * y + z * z) ** 0.5
+        n[0], n[1], n[2] = x / length, y / length, z / length
+
+
+@numba.njit(cache=True, nogil=True)
+def _scatter_of_sheet(w, n, thickness, C):
+    """Scatter C of the offsets w (K, 3) that lie near the plane of normal n, weighted by how near."""
+    mean, total = np.zeros(3), 0.0
+    weight = np.zeros(len(w))
+    for m in range(len(w)):
+        d = (n[0] * w[m, 0] + n[1] * w[m, 1] + n[2] * w[m, 2]) / thickness
+        if abs(d) < 2.0:
+            weight[m] = 1.0 / (1.0 + d * d)
+            total += weight[m]
+            for c in range(3):
+                mean[c] += weight[m] * w[m, c]
+    C[:] = 0.0
+    for m in range(len(w)):
+        if weight[m] > 0:
+            for c in range(3):
+                for e in range(c + 1):
+                    C[c, e] += weight[m] * (w[m, c] - mean[c] / total) * (w[m, e] - mean[e] / total)
+
+
+@numba.njit(cache=True, nogil=True)
+def _planes(points, near, thickness, tries):
+    K = near.shape[1]
+    out = np.zeros((len(points), 3))
+    w, n, C = np.empty((K, 3)), np.empty(3), np.empty((3, 3))
+    for i in range(len(points)):
+        for m in range(K):
+            for c in range(3):
+                w[m, c] = points[near[i, m], c] - points[i, c]
+        state = np.uint64(88172645463325252) + np.uint64(i) * np.uint64(2654435761)
+        best, n[0], n[1], n[2] = 0.0, 0.0, 0.0, 1.0
+        for _ in range(tries):
+            state ^= state << np.uint64(13)
+            state ^= state >> np.uint64(7)
+            state ^= state << np.uint64(17)
+            a = np.int64((state >> np.uint64(11)) % np.uint64(K))
+            b = np.int64((state >> np.uint64(37)) % np.uint64(K))
+            x = w[a, 1] * w[b, 2] - w[a, 2] * w[b, 1]
+            y = w[a, 2] * w[b, 0] - w[a, 0] * w[b, 2]
+            z = w[a, 0] * w[b, 1] - w[a, 1] * w[b, 0]
+            length = (x * x + y * y + z * z) ** 0.5
+            sides = (w[a, 0] ** 2 + w[a, 1] ** 2 + w[a, 2] ** 2) * (w[b, 0] ** 2 + w[b, 1] ** 2 + w[b, 2] ** 2)
+            if length < 0.35 * sides**0.5 or length < 1e-9:
+                continue
+            x, y, z = x / length, y / length, z / length
+            support = 0.0
+            for m in range(K):
+                d = (x * w[m, 0] + y * w[m, 1] + z * w[m, 2]) / thickness
+                support += max(1.0 - d * d, 0.0)
+            if support > best:
+                best, n[0], n[1], n[2] = support, x, y, z
+        for _ in range(2):
+            _scatter_of_sheet(w, n, thickness, C)
+            _approach_smallest(C, n)
+        out[i] = n
+    return out
+
+
+def plane_normals(points: Array, near: IntArray | None = None, thickness: float = THICKNESS) -> Array:
+    """(N, 3) unit normals of unknown sign of points (N, 3), three at least. near (N, K): their neighbours, if known."""
+    if near is None:
+        near = nearest(search_tree(points), points, k=min(PLANE_NEIGHBOURS + 1, len(points)))[1][:, 1:]
+    return _planes(np.ascontiguousarray(points), near[:, :PLANE_NEIGHBOURS], thickness, TRIES)
+
+
+def neighbour_offsets(points: Array) -> Array:
+    """(k,) distances of the nearest points from the plane of each point of a cloud (N, 3), in any order."""
+    if len(points) < 4:
+        return np.zeros(0)
+    near = nearest(search_tree(points), points, k=min(PLANE_NEIGHBOURS + 1, len(points)))[1][:, 1:]
+    gap = points[near[:, :NEAREST]] - points[:, None]
+    return np.abs(np.einsum("nki,ni->nk", gap, plane_normals(points, near))).ravel()
+
+
+@numba.njit(cache=True, nogil=True)
+def _spread(points, near, distance, layer, seed, centre, normal, slab, step, mark, stamp, member):
+    """The free points of the slab that steps lead to from the seed: how many, in `member`, which is the queue, too."""
+    member[0], mark[seed], size, done = seed, stamp, 1, 0
+    while done < size:
+        i = member[done]
+        done += 1
+        for h in range(near.shape[1]):
+            if distance[i, h] > step:
+                break
+            j = near[i, h]
+            d = 0.0
+            for c in range(3):
+                d += normal[c] * (points[j, c] - centre[c])
+            if mark[j] != stamp and layer[j] < 0 and abs(d) < slab:
+                mark[j], member[size] = stamp, j
+                size += 1
+    return size
+
+
+@numba.njit(cache=True, nogil=True)
+def _fit_plane(points, member, size, centre, normal):
+    """Move centre and normal to the plane of the members."""
+    C = np.zeros((3, 3))
+    centre[:] = 0.0
+    for k in range(size):
+        centre += points[member[k]] / size
+    for k in range(size):
+        for a in range(3):
+            for b in range(a + 1):
+                C[a, b] += (points[member[k], a] - centre[a]) * (points[member[k], b] - centre[b])
+    _approach_smallest(C, normal)
+
+
+@numba.njit(cache=True, nogil=True)
+def _grow(points, normals, near, distance, order, slab, step, passes, smallest):
+    """Layers (n,), -1 for none, each grown from the first free point in `order`."""
+    n = len(points)
+    layer, mark, member = np.full(n, -1), np.zeros(n, np.int64), np.empty(n, np.int64)
+    stamp, count = 0, 0
+    for seed in order:
+        if layer[seed] >= 0:
+            continue
+        centre, normal, size = points[seed].copy(), normals[seed].copy(), 0
+        for turn in range(passes):
+            stamp += 1
+            size = _spread(points, near, distance, layer, seed, centre, normal, slab, step, mark, stamp, member)
+            if turn == passes - 1 or size < smallest:
+                break
+            _fit_plane(points, member, size, centre, normal)
+        if size >= smallest:
+            layer[member[:size]] = count
+            count += 1
+    return layer
+
+
+def plane_layers(points: Array, slab: float = SLAB) -> tuple[IntArray, Array]:
+    """Layer (N,) of every point of a cloud (N, 3), -1 for none, and normals (N, 3): of layers, or of single planes.
+    Lengths in spacings. Fewer than four points have no layers and any normals."""
+    if len(points) < 4:
+        return np.full(len(points), -1), np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    points = np.ascontiguousarray(points)
+    distance, near = nearest(search_tree(points), points, k=min(NEIGHBOURS + 1, len(points)))
+    normals = plane_normals(points, near[:, 1:], 2 * slab)
+    order = np.random.default_rng(0).permutation(len(points))
+    layer = _grow(points, normals, near[:, 1:], distance[:, 1:], order, slab, STEP, PASSES, SMALLEST)
+    inside = np.flatnonzero(layer >= 0)
+    by_layer = inside[np.argsort(layer[inside], kind="stable")]
+    for rows in np.split(by_layer, np.flatnonzero(np.diff(layer[by_layer])) + 1):
+        if len(rows) >= MANY:
+            normals[rows] = surface_normals(points[rows])
+    return layer, normals
+
+
+def surface_normals(points: Array) -> Array:
+    """(n, 3) unit normals of a nearly flat set of points: of its plane, or of the quadratic height over it where that
+    leaves less than 1 / `CURVED` of the squared deviations."""
+    centred = points - points.mean(axis=0)
+    axes = np.linalg.eigh(centred.T @ centred)[1]
+    z, x, y = (centred @ axes).T
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    fitted = np.linalg.lstsq(terms, z, rcond=None)[0]
+    if CURVED * np.sum((terms @ fitted - z) ** 2) > np.sum(z**2):
+        return np.tile(axes[:, 0], (len(points), 1))
+    _, bx, by, xx, xy, yy = fitted
+    slope = np.stack([np.ones_like(x), -(bx + 2 * xx * x + xy * y), -(by + xy * x + 2 * yy * y)], axis=1)
+    return slope @ axes.T / np.linalg.norm(slope, axis=1, keepdims=True)

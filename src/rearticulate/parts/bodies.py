@@ -1,0 +1,132 @@
+"""All bodies of an object: every point of every frame belongs to one of them.
+
+The score says, in squared units of deviation, how well the bodies explain the clouds: the misfit of all points, the
+length of the borders within sheets, and what a body costs to describe, a joint and its values (Schwarz 1978).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rearticulate.geometry.nearest import nearest, search_tree
+from rearticulate.geometry.se3 import adjoint, inverse, rotate, transform
+from rearticulate.observe.body import (
+    Body,
+    make_body,
+    own_misfits,
+    pair_equations,
+    register,
+)
+from rearticulate.observe.frames import Frames
+from rearticulate.parts.cuts import Borders, sheet_borders
+
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
+Bodies = tuple[Body, ...]
+
+LEAST = 3  # points a frame of a body
+
+
+def make_bodies(frames: Frames, T: Array, labels: IntArray, before: Bodies = ()) -> Bodies:
+    """One for each part of T (F, P, 4, 4) and labels (M,). before: what has the same points and motion is kept."""
+    out = []
+    for p in range(T.shape[1]):
+        rows = np.flatnonzero(labels == p)
+        if p < len(before) and np.array_equal(before[p].rows, rows) and np.array_equal(before[p].T, T[:, p]):
+            out.append(before[p])
+        else:
+            out.append(make_body(frames, rows, T[:, p]))
+    return tuple(out)
+
+
+def group(frames: Frames, T: Array, labels: IntArray, normals: Array) -> Bodies:
+    """As `make_bodies`, with known normals (M, 3) of all points in their frames."""
+    out = []
+    for p in range(T.shape[1]):
+        rows = np.flatnonzero(labels == p)
+        back = inverse(T[:, p])[frames.frame[rows]]
+        z = transform(back, frames.points[rows])
+        out.append(Body(rows, frames.frame[rows], T[:, p], z, rotate(back, normals[rows])))
+    return tuple(out)
+
+
+def poses(bodies: Bodies) -> Array:
+    """(F, P, 4, 4)"""
+    return np.stack([body.T for body in bodies], axis=1)
+
+
+def labels_of(bodies: Sequence[Body], M: int) -> IntArray:
+    """(M,) -1 where a point is no body's."""
+    labels = np.full(M, -1)
+    for p, body in enumerate(bodies):
+        labels[body.rows] = p
+    return labels
+
+
+def own_normals(bodies: Bodies, M: int) -> Array:
+    """(M, 3) normals of all points, in their frames."""
+    out = np.empty((M, 3))
+    for body in bodies:
+        out[body.rows] = rotate(body.T[body.frame], body.normals)
+    return out
+
+
+def all_misfits(bodies: Bodies, M: int, noise: float) -> Array:
+    """(M,) misfit of every point to its own body."""
+    out = np.empty(M)
+    for body in bodies:
+        out[body.rows] = own_misfits(body, noise)
+    return out
+
+
+def price(frames: Frames) -> float:
+    """What a body must earn: an axis, and a joint value a frame."""
+    return (3 + frames.n_frames) * float(np.log(len(frames.points)))
+
+
+def score(frames: Frames, bodies: Bodies) -> float:
+    """Twice minus the log-likelihood of all clouds, borders and the description of the bodies; lower is better."""
+    M = len(frames.points)
+    borders = sheet_borders(frames, own_normals(bodies, M)).between(labels_of(bodies, M))
+    return float(all_misfits(bodies, M, frames.noise).sum()) + borders + price(frames) * (len(bodies) - 1)
+
+
+def border_between(borders: Borders, a: IntArray, b: IntArray, M: int) -> float:
+    """Cost of the borders between two sets of points."""
+    side = np.zeros(M, dtype=np.int8)
+    side[a], side[b] = 1, 2
+    return float(borders.cost[side[borders.i] * side[borders.j] == 2].sum())
+
+
+def bodies_equations(bodies: Bodies, sigma: float) -> tuple[Array, Array]:
+    """Normal equations H (F, P, 6, 6), g (F, P, 6) of left twists of the poses T. A left twist of a frame's points at
+    canonical is -inv(T) (twist) T of its pose."""
+    found = [pair_equations(body, sigma) for body in bodies]
+    H, g = (np.stack(each, axis=1) for each in zip(*found, strict=True))
+    A = adjoint(inverse(poses(bodies)))
+    A_t = np.swapaxes(A, -1, -2)
+    return A_t @ H @ A, -(A_t @ g[..., None])[..., 0]
+
+
+def settled(frames: Frames, canonical: int, bodies: Bodies, sigmas: Sequence[float]) -> Bodies:
+    """Every body registered anew."""
+    return tuple(register(frames, canonical, body, sigmas) if len(body) else body for body in bodies)
+
+
+def without_crumbs(frames: Frames, bodies: Bodies) -> Bodies:
+    """Bodies with hardly any points go; their points go to the body of the nearest other point of their frame."""
+    kept = [body for body in bodies if len(body) >= LEAST * frames.n_frames] or [max(bodies, key=len)]
+    if len(kept) == len(bodies):
+        return bodies
+    labels = labels_of(kept, len(frames.points))
+    for f in range(frames.n_frames):
+        points, here = frames.points[frames.rows(f)], labels[frames.rows(f)]
+        lost = here < 0
+        if lost.all():
+            labels[frames.rows(f)] = 0
+        elif lost.any():
+            here[lost] = here[~lost][nearest(search_tree(points[~lost]), points[lost])[1]]
+    return make_bodies(frames, poses(tuple(kept)), labels, tuple(kept))

@@ -1,0 +1,122 @@
+"""Labels that cost least: costs of points and of borders between neighbours in one sheet, by alpha expansion (Boykov,
+Veksler & Zabih 2001). One expansion is a minimum cut: exactly the best set of points to go over to one part."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+
+from rearticulate.observe.frames import Frames
+
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
+
+KEPT = 8  # neighbours in the same sheet
+DISTANCE, OFFSET = 4.0, 0.4  # spacings; Gaussian weights of a neighbour's distance and of its offset from the plane
+AGREEMENT = 0.7  # |cosine| between the normals of neighbours in one sheet, at least
+STRENGTH = 1.25  # of all borders of a point with its neighbours, in units of misfit
+ISOLATED = 0.5  # a point with less weight around it than this is held less firmly
+UNIT = 1000  # capacities are whole numbers
+
+
+@dataclass(frozen=True)
+class Borders:
+    """Pairs of neighbours i (E,), j (E,) of one sheet and one frame, and what a border between the two costs."""
+
+    i: IntArray
+    j: IntArray
+    cost: Array
+
+    def between(self, labels: IntArray) -> float:
+        """Cost of all borders of labels (M,)."""
+        return float(self.cost[labels[self.i] != labels[self.j]].sum())
+
+
+@numba.njit(cache=True, nogil=True)
+def _weights(points, normals, near, distance, scale, offset_scale, agreement, kept, strength, isolated, out, chosen):
+    """The heaviest neighbours of each point in its own sheet, and what a border with each costs."""
+    weight = np.empty(near.shape[1])
+    for i in range(len(points)):
+        for k in range(near.shape[1]):
+            weight[k] = 0.0
+            j = near[i, k]
+            if j < 0:
+                continue
+            here, there, agree = 0.0, 0.0, 0.0
+            for c in range(3):
+                d = points[j, c] - points[i, c]
+                here += d * normals[i, c]
+                there += d * normals[j, c]
+                agree += normals[i, c] * normals[j, c]
+            if abs(agree) > agreement:
+                offset = max(abs(here), abs(there)) / offset_scale
+                weight[k] = np.exp(-((distance[i, k] / scale) ** 2) - offset * offset)
+        total = 0.0
+        for m in range(kept):
+            best = weight.argmax()
+            out[i, m], chosen[i, m] = weight[best], near[i, best]
+            total += weight[best]
+            weight[best] = -1.0
+        for m in range(kept):
+            out[i, m] *= strength / max(total, isolated)
+
+
+def sheet_borders(frames: Frames, normals: Array) -> Borders:
+    """Neighbours that lie in the same sheet, told by normals (M, 3)."""
+    M, (near, distance) = len(frames.points), frames.surroundings
+    weight, chosen = np.empty((M, KEPT)), np.empty((M, KEPT), np.int64)
+    _weights(
+        frames.points, normals, near, distance, DISTANCE, OFFSET, AGREEMENT, KEPT, STRENGTH, ISOLATED, weight, chosen
+    )
+    i, k = np.nonzero(weight > 0)
+    a, b = np.sort(np.stack([i, chosen[i, k]]), axis=0)
+    key, place = np.unique(a * M + b, return_inverse=True)
+    cost = np.bincount(place, weight[i, k]).astype(float)
+    kept = cost > 1 / UNIT
+    return Borders(key[kept] // M, key[kept] % M, cost[kept])
+
+
+def expand(cost: Array, labels: IntArray, borders: Borders, part: int) -> IntArray:
+    """Labels (M,) after the best set of points has gone over to `part`. cost (M, P), inf where a part is out of the
+    question."""
+    free = np.flatnonzero(np.isfinite(cost[:, part]) & (labels != part))
+    if len(free) == 0:
+        return labels
+    number = np.full(len(labels), -1)
+    number[free] = np.arange(len(free))
+    stay, go = cost[free, labels[free]].copy(), cost[free, part].copy()
+    a, b = number[borders.i], number[borders.j]
+    for one, other, fixed in ((a, b, borders.j), (b, a, borders.i)):
+        edge = (one >= 0) & (other < 0)
+        here, there = one[edge], labels[fixed[edge]]
+        np.add.at(stay, here, borders.cost[edge] * (labels[free[here]] != there))
+        np.add.at(go, here, borders.cost[edge] * (there != part))
+    inner = (a >= 0) & (b >= 0)
+    a, b, weight = a[inner], b[inner], borders.cost[inner]
+    alike = labels[free[a]] == labels[free[b]]
+    np.add.at(stay, a[~alike], weight[~alike])  # both stay, or a alone: a border; b alone is an edge from a to b
+    first = np.concatenate([a[alike], b[alike], b[~alike]])
+    second = np.concatenate([b[alike], a[alike], a[~alike]])
+    links = (first, second, np.concatenate([weight[alike], weight[alike], weight[~alike]]))
+    return np.where(_go(len(free), links, stay, go, number), part, labels)
+
+
+def _go(n: int, links: tuple[IntArray, IntArray, Array], stay: Array, go: Array, number: IntArray) -> NDArray[np.bool_]:
+    """(M,) which points go: those on the sink's side of the minimum cut. A link i -> j costs if i stays and j goes."""
+    source, sink = n, n + 1
+    least, every = np.minimum(stay, go), np.arange(n)
+    rows = np.concatenate([links[0], np.full(n, source), every])
+    columns = np.concatenate([links[1], every, np.full(n, sink)])
+    capacity = np.concatenate([links[2], go - least, stay - least])
+    graph = csr_matrix((np.round(UNIT * capacity).astype(np.int32), (rows, columns)), shape=(n + 2, n + 2))
+    left = graph - maximum_flow(graph, source, sink).flow
+    left.data = np.maximum(left.data, 0)
+    left.eliminate_zeros()
+    stays = np.zeros(n + 2, dtype=bool)
+    stays[breadth_first_order(left, source, return_predecessors=False)] = True
+    return (number >= 0) & ~stays[number]

@@ -1,0 +1,145 @@
+"""Labels by own-part evidence: which body's surface a point belongs to.
+
+`relabel` lets points and coherent regions change sides; `exchange` gives whole flat layers to one body. Both lower
+the score under given motions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rearticulate.geometry.se3 import inverse, rotate
+from rearticulate.observe.body import REACH, Body, misfits, own_misfits
+from rearticulate.observe.frames import Frames
+from rearticulate.observe.planes import plane_layers
+from rearticulate.parts.bodies import Bodies, all_misfits, group, labels_of, make_bodies, own_normals, poses
+from rearticulate.parts.cuts import Borders, expand, sheet_borders
+from rearticulate.parts.labels import doubtful, part_distances
+from rearticulate.progress import Told, steps, untold
+
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
+
+NEAR, FAR = 3.7, 40.0  # spacings; bodies that are candidates for single points, and for layers
+ROUNDS, INNER = 3, 2
+SETTLED = 3e-3  # share of points that change in the last round
+FITS = 6.0  # misfit of a point to any points around it, beyond which it is in no layer of a body
+LEAST_LAYER, LEAST_TAKEN = 12, 3  # points of a layer, and of those that it takes
+GAIN = 0.05  # what a layer must bring for each point that changes sides, in units of misfit
+
+
+def candidates_near(frames: Frames, labels: IntArray, P: int, radius: float) -> NDArray[np.bool_]:
+    """(M, P) bodies with a point that near in the same frame, the point's own among them."""
+    out = np.isfinite(part_distances(frames, labels, P, radius))
+    out[np.arange(len(labels)), labels] = True
+    return out
+
+
+def relabel(frames: Frames, bodies: Bodies, rounds: int = ROUNDS, told: Told = untold) -> Bodies:
+    """The bodies with labels of least cost under their motions: expansions, in turn with the evidence they change."""
+    P, M, T = len(bodies), len(frames.points), poses(bodies)
+    labels = labels_of(bodies, M)
+    for each_round in steps(told, rounds):
+        before, borders = labels, sheet_borders(frames, own_normals(bodies, M))
+        candidates = candidates_near(frames, labels, P, NEAR)
+        asked = candidates & doubtful(candidates)[:, None]
+        each_round(0.5)
+        for _ in range(INNER):
+            last, cost = labels, np.where(candidates, 0.0, np.inf)
+            for p, body in enumerate(bodies):
+                rows = np.flatnonzero(asked[:, p])
+                cost[rows, p] = misfits(*body.carry(frames, rows), body, frames.noise)
+            for p in range(P):
+                labels = expand(cost, labels, borders, p)
+            bodies = make_bodies(frames, T, labels, bodies)
+            if np.mean(labels != last) < SETTLED:
+                break
+        if np.mean(labels != before) < SETTLED:
+            break
+    return bodies
+
+
+@dataclass
+class Ownership:
+    """Labels (M,), normals (M, 3) in the points' frames and misfits now (M,), while layers change sides."""
+
+    frames: Frames
+    bodies: Bodies
+    labels: IntArray
+    normals: Array
+    now: Array
+    borders: Borders
+
+    def as_if(self, p: int, rows: IntArray) -> Body:
+        """These points as body p."""
+        z, frame = self.bodies[p].carry(self.frames, rows)
+        T = self.bodies[p].T
+        return Body(rows, frame, T, z, rotate(inverse(T)[frame], self.normals[rows]))
+
+    def give(self, p: int, members: IntArray, normals: Array, least: float) -> bool:
+        """Give these points, with new normals (n, 3), to body p if that lowers the cost by `least` at least."""
+        labels, old = self.labels.copy(), self.normals[members]
+        labels[members], self.normals[members] = p, normals
+        change = self.borders.between(labels) - self.borders.between(self.labels)
+        affected = []
+        for q in [
+            p,
+            *np.setdiff1d(self.labels[members], p),
+        ]:  # first the one that gains: it pays for what others lose
+            spot = self.as_if(q, members if q == p else members[self.labels[members] == q]).z
+            cloud = self.as_if(q, np.flatnonzero(labels == q))
+            cloud = cloud.take(_in_box(cloud.z, spot, 2 * REACH))
+            if len(cloud):
+                asked = _in_box(cloud.z, spot, REACH)
+                value = own_misfits(cloud, self.frames.noise, asked)
+                affected.append((cloud.rows[asked], value))
+                change += float((value - self.now[cloud.rows[asked]]).sum())
+            if change > -least:
+                self.normals[members] = old
+                return False
+        self.labels = labels
+        for rows, value in affected:
+            self.now[rows] = value
+        return True
+
+
+def _in_box(z: Array, spot: Array, reach: float) -> IntArray:
+    """Points of z (n, 3) in the box around those of spot (m, 3)."""
+    return np.flatnonzero(((z > spot.min(axis=0) - reach) & (z < spot.max(axis=0) + reach)).all(axis=1))
+
+
+def exchange(frames: Frames, bodies: Bodies, told: Told = untold) -> Bodies:
+    """The bodies after flat layers have gone to one of them where that lowers the cost.
+
+    The layers of a body are those of the cloud that all points make which its motion explains, whatever their labels:
+    a wall that slides in itself is one layer under both motions, and goes as one.
+    """
+    M, P = len(frames.points), len(bodies)
+    labels, normals = labels_of(bodies, M), own_normals(bodies, M)
+    borders = sheet_borders(frames, normals)
+    state = Ownership(frames, bodies, labels, normals, all_misfits(bodies, M, frames.noise), borders)
+    edge = np.bincount(borders.i, borders.cost, minlength=M) + np.bincount(borders.j, borders.cost, minlength=M)
+    near = candidates_near(frames, labels, P, FAR)
+    for p, each in enumerate(steps(told, P)):
+        each(0.0)
+        rows = np.flatnonzero(near[:, p] | (state.labels == p))
+        anyone = state.as_if(p, rows)
+        fits = own_misfits(anyone, frames.noise)
+        kept = np.flatnonzero((fits < FITS) | (state.labels[rows] == p))
+        layer, planes = plane_layers(anyone.z[kept])
+        planes = rotate(anyone.T[anyone.frame[kept]], planes)
+        sizes = np.bincount(layer[layer >= 0], minlength=1)
+        for k in np.argsort(-sizes, kind="stable"):
+            if sizes[k] < LEAST_LAYER:
+                break
+            inside = layer == k
+            members = rows[kept[inside]]
+            taken = state.labels[members] != p
+            least = GAIN * np.count_nonzero(taken)
+            most = np.maximum(state.now[members] - fits[kept[inside]], 0.0).sum() + edge[members[taken]].sum()
+            if np.count_nonzero(taken) >= LEAST_TAKEN and most > least:
+                state.give(p, members, planes[inside], least)
+    return group(frames, poses(bodies), state.labels, state.normals)

@@ -1,0 +1,50 @@
+"""Bodies that explain the clouds: labels, motions, merges and splits in turn, as long as the score falls."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rearticulate.config import FitConfig
+from rearticulate.observe.frames import Frames
+from rearticulate.parts.bodies import Bodies, labels_of, poses, score, settled, without_crumbs
+from rearticulate.parts.ownership import exchange, relabel
+from rearticulate.parts.relaxed import Relaxed
+from rearticulate.progress import Told, steps, untold
+from rearticulate.search.moves.merge import merge_bodies
+from rearticulate.search.moves.split import split_bodies
+from rearticulate.search.moves.sweep import sweep_bodies
+
+TURNS = 5  # at most
+ROUGH, FINE = (0.4,), (0.3,)  # robust scales of registrations, in spacings
+WORTH = 1e-3  # share of the score that a turn must bring if there is to be another one
+
+
+def explain(
+    frames: Frames, canonical: int, bodies: Bodies, config: FitConfig, turns: int = TURNS, told: Told = untold
+) -> tuple[Bodies, float]:
+    """The bodies of the lowest score after so many turns at most, and the score."""
+    best, lowest = bodies, np.inf
+    for each in steps(told, turns):
+        points, layers, motions, merges, splits = steps(each, 5)
+        bodies = relabel(frames, settled(frames, canonical, bodies, ROUGH + FINE), told=points)
+        if config.uses("exchange"):
+            bodies = exchange(frames, bodies, layers)
+        bodies = settled(frames, canonical, without_crumbs(frames, bodies), FINE)
+        if config.uses("sweep"):
+            bodies = sweep_bodies(frames, canonical, bodies, motions)
+        bodies = merge_bodies(frames, canonical, bodies, merges)
+        new = score(frames, bodies)
+        gain = lowest - new
+        if gain > 0:
+            best, lowest = bodies, new
+        before = len(bodies)
+        if config.uses("split"):
+            bodies = split_bodies(frames, canonical, bodies, splits)
+        if gain < WORTH * new and len(bodies) == before:
+            break
+    return best, lowest
+
+
+def to_relaxed(bodies: Bodies, M: int) -> Relaxed:
+    """As poses and the labels of all M points."""
+    return Relaxed(poses(bodies), labels_of(bodies, M))

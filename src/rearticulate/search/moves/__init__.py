@@ -1,0 +1,1 @@
+"""Changes of the bodies, each settled before it is judged by the score."""

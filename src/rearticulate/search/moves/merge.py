@@ -1,0 +1,99 @@
+"""Merge: two bodies that touch become one where one motion explains the points of both as well."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rearticulate.observe.body import Body, join, make_body, own_misfits, register
+from rearticulate.observe.frames import Frames
+from rearticulate.parts.bodies import Bodies, border_between, labels_of, own_normals, price
+from rearticulate.parts.cuts import Borders, sheet_borders
+from rearticulate.parts.ownership import candidates_near
+from rearticulate.progress import Told, rounds, untold
+
+Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
+
+TOUCH = 4.0  # spacings; bodies that come this near, in any frame
+ASKED = 500  # points of each body that a first look asks
+ROUGH, FINE = (0.8, 0.3), (0.4, 0.3)  # robust scales of the registration of both as one
+HOPELESS = 4.0  # prices; growth of the score at a first look beyond which the pair is not looked at again
+
+
+@dataclass
+class _Merging:
+    """Bodies by number while they are merged; their misfits; growth of the score and the union of pairs."""
+
+    frames: Frames
+    canonical: int
+    borders: Borders
+    body: dict[int, Body]
+    misfit: dict[int, Array]
+    pair: dict[tuple[int, int], tuple[float, Body]]
+    touching: NDArray[np.bool_]
+
+    def untested(self) -> Iterator[tuple[int, int]]:
+        for a in self.body:
+            for b in self.body:
+                if a < b and self.touching[a, b] and (a, b) not in self.pair:
+                    yield a, b
+
+    def test(self, a: int, b: int) -> tuple[float, Body]:
+        A, B = self.body[a], self.body[b]
+        border = border_between(self.borders, A.rows, B.rows, len(self.frames.points))
+        union, growth = A, np.inf
+        for T in (A.T, B.T):
+            both = join(A.moved(T), B.moved(T))
+            both = register(self.frames, self.canonical, both, ROUGH, asked=2 * ASKED, renew=False)
+            i, j = _sample(0, len(A)), _sample(len(A), len(B))
+            more_a = own_misfits(both, self.frames.noise, i) - self.misfit[a][i]
+            more_b = own_misfits(both, self.frames.noise, j) - self.misfit[b][j - len(A)]
+            estimate = more_a.mean() * len(A) + more_b.mean() * len(B) - border
+            if estimate < growth:
+                union, growth = both, float(estimate)
+        if growth > HOPELESS * price(self.frames):
+            return growth, union
+        union = register(self.frames, self.canonical, make_body(self.frames, np.sort(union.rows), union.T), FINE)
+        value = float(own_misfits(union, self.frames.noise).sum())
+        return value - float(self.misfit[a].sum() + self.misfit[b].sum()) - border, union
+
+    def merge(self, a: int, b: int) -> None:
+        """The second becomes part of the first."""
+        self.body[a] = self.pair[a, b][1]
+        self.misfit[a] = own_misfits(self.body[a], self.frames.noise)
+        del self.body[b], self.misfit[b]
+        self.touching[a] |= self.touching[b]
+        self.touching[:, a] |= self.touching[:, b]
+        self.pair = {e: found for e, found in self.pair.items() if not {a, b} & set(e)}
+
+
+def _sample(first: int, n: int) -> IntArray:
+    return np.arange(first, first + n, max(1, n // ASKED))
+
+
+def touching(frames: Frames, bodies: Bodies) -> NDArray[np.bool_]:
+    """(P, P) which bodies come near each other in any frame."""
+    P, labels = len(bodies), labels_of(bodies, len(frames.points))
+    near = candidates_near(frames, labels, P, TOUCH)
+    out = np.stack([near[body.rows].any(axis=0) for body in bodies])
+    return (out | out.T) & ~np.eye(P, dtype=bool)
+
+
+def merge_bodies(frames: Frames, canonical: int, bodies: Bodies, told: Told = untold) -> Bodies:
+    """Merge while the score falls, the pair that lowers it most first."""
+    borders = sheet_borders(frames, own_normals(bodies, len(frames.points)))
+    numbered = dict(enumerate(bodies))
+    misfit = {p: own_misfits(body, frames.noise) for p, body in numbered.items()}
+    state = _Merging(frames, canonical, borders, numbered, misfit, {}, touching(frames, bodies))
+    for _ in rounds(told):
+        for a, b in list(state.untested()):
+            state.pair[a, b] = state.test(a, b)
+        growth, best = min(((found[0], e) for e, found in state.pair.items()), default=(np.inf, (0, 0)))
+        if growth >= price(frames):
+            break
+        state.merge(*best)
+    return tuple(state.body.values())

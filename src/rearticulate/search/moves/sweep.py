@@ -1,0 +1,82 @@
+"""Sweep: where the points say little about how a body moved, along a bar, within a plate, about a near-axis, its poses
+are tried over the whole range, one weak direction at a time, against the canonical frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rearticulate.geometry.nearest import rms_radius
+from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, transform
+from rearticulate.observe.body import Body, pair_equations, partners, register
+from rearticulate.observe.frames import Frames
+from rearticulate.parts.bodies import Bodies
+from rearticulate.progress import Told, steps, untold
+
+Array = NDArray[np.floating]
+
+WEAK = 0.04  # of the information of a pair; what is stronger is found by registration
+REACH = 0.5  # of the body's rms radius, to both sides
+STEP, MOST = 0.7, 40  # spacings; steps to each side
+WORTH = 4.0  # misfit by which a sweep must lower that of both frames
+SCALES = (0.4, 0.3)
+SIGMA = 0.5
+LEAST = 8
+
+
+def sweep_bodies(frames: Frames, canonical: int, bodies: Bodies, told: Told = untold) -> Bodies:
+    """All bodies, swept where they may be."""
+    out = []
+    for body, each in zip(bodies, steps(told, len(bodies)), strict=True):
+        each(0.0)
+        out.append(sweep(frames, canonical, body))
+    return tuple(out)
+
+
+def weak_directions(H: Array, z: Array) -> Array:
+    """(k, 6) twists that move the points z (n, 3) by about one spacing and of which the information H (6, 6) says
+    little."""
+    centre, radius = z.mean(axis=0), max(rms_radius(z), 1.0)
+    shift = np.eye(4)
+    shift[:3, 3] = centre
+    basis = adjoint(shift) @ np.diag([1 / radius] * 3 + [1.0] * 3)
+    local = basis.T @ H @ basis
+    values, vectors = np.linalg.eigh(local)
+    share = values / max(np.trace(local[3:, 3:]), 1e-9)
+    return (basis @ vectors[:, share < WEAK]).T
+
+
+def sweep(frames: Frames, canonical: int, body: Body) -> Body:
+    """The body with the poses of single frames shifted along weak directions where that explains the points better."""
+    here = body.take(body.frame == canonical)
+    if len(here) < LEAST:
+        return body
+    H, moved = pair_equations(body, SIGMA)[0], False
+    for f in range(frames.n_frames):
+        there = body.take(body.frame == f)
+        if f == canonical or len(there) < LEAST:
+            continue
+        D = np.eye(4)
+        for twist in weak_directions(H[f], there.z):
+            count = int(min(REACH * rms_radius(there.z) / STEP, MOST))
+            sizes = STEP * np.arange(-count, count + 1)
+            shifts = exp_se3(sizes[:, None] * twist) @ D
+            cost = np.array([_misfit(here, there, shift, frames.noise) for shift in shifts])
+            if cost.min() < cost[count] - WORTH:
+                D, moved = shifts[int(cost.argmin())], True
+        rows = body.frame == f
+        T, z, normals = body.T.copy(), body.z.copy(), body.normals.copy()
+        T[f] = T[f] @ inverse(D)
+        z[rows], normals[rows] = transform(D, there.z), there.normals @ D[:3, :3].T
+        body = replace(body, T=T, z=z, normals=normals)
+    return register(frames, canonical, body, SCALES) if moved else body
+
+
+def _misfit(here: Body, there: Body, D: Array, noise: float) -> float:
+    """Of the points of two frames to each other, one of them moved by D (4, 4)."""
+    f, c = int(there.frame[0]), int(here.frame[0])
+    forth = partners(transform(D, there.z), there.frame, here, noise, [c])[0]
+    back = partners(transform(inverse(D), here.z), here.frame, there, noise, [f])[0]
+    return float(forth.sum() + back.sum())

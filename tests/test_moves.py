@@ -1,0 +1,187 @@
+"""Changes of the bodies: each proposes what it should on a case with a known answer, and none raises the score."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from rearticulate.config import FitConfig
+from rearticulate.evaluation.clustering import rand_index
+from rearticulate.geometry.se3 import exp_se3, inverse, to_unit, transform
+from rearticulate.observe.frames import Frames, make_frames
+from rearticulate.parts.bodies import Bodies, labels_of, make_bodies, poses, score, settled, without_crumbs
+from rearticulate.parts.ownership import exchange, relabel
+from rearticulate.search.explain import explain
+from rearticulate.search.moves.merge import merge_bodies
+from rearticulate.search.moves.split import split_bodies
+from rearticulate.search.moves.sweep import sweep_bodies
+from rearticulate.synth import objects
+from rearticulate.synth.articulated import ArticulatedObject, record
+
+Case = tuple[Frames, np.ndarray, np.ndarray]  # frames, true poses (F, P, 4, 4), true labels (M,)
+
+
+def case(thing: ArticulatedObject, step: float = 15.0, points: int = 1200, seed: int = 1, canonical: int = 2) -> Case:
+    sequence, truth = record(thing, frames=5, points=points, step_deg=step, seed=seed)
+    made = make_frames(sequence.points)
+    T = to_unit(truth.motion(canonical), made.unit, made.centre)
+    return made, T, np.concatenate(truth.labels)[made.order]
+
+
+@pytest.fixture(scope="module")
+def hinge() -> Case:
+    return case(objects.hinge())
+
+
+@pytest.fixture(scope="module")
+def cabinet() -> Case:
+    return case(objects.cabinet(), points=2500)
+
+
+def bodies_of(found: Case, labels: np.ndarray | None = None, T: np.ndarray | None = None) -> Bodies:
+    frames, true_T, true_labels = found
+    return make_bodies(frames, true_T if T is None else T, true_labels if labels is None else labels)
+
+
+def agreement(found: Case, bodies: Bodies) -> float:
+    return rand_index(found[2], labels_of(bodies, len(found[2])))
+
+
+def cut_in_two(found: Case, part: int) -> Bodies:
+    """A third body of half of one part."""
+    frames, T, labels = found
+    body = bodies_of(found)[part]
+    upper = body.z[:, 0] > np.median(body.z[:, 0])
+    changed = labels.copy()
+    changed[body.rows[upper]] = T.shape[1]
+    return make_bodies(frames, np.concatenate([T, T[:, part : part + 1]], axis=1), changed)
+
+
+@pytest.mark.parametrize("part", [0, 1])
+def test_halves_of_one_part_are_merged_and_parts_are_not(hinge: Case, part: int) -> None:
+    frames = hinge[0]
+    merged = merge_bodies(frames, 2, cut_in_two(hinge, part))
+    assert len(merged) == 2 and agreement(hinge, merged) == 1
+    assert len(merge_bodies(frames, 2, bodies_of(hinge))) == 2
+
+
+def test_two_parts_in_one_body_are_split_and_parts_are_not(hinge: Case) -> None:
+    slow = case(objects.hinge(), step=4)
+    frames, T, labels = slow
+    one = settled(frames, 2, make_bodies(frames, T[:, :1], np.zeros_like(labels)), (0.5, 0.3))
+    two = split_bodies(frames, 2, one)
+    assert len(two) == 2 and score(frames, two) < score(frames, one)
+    found, lowest = explain(frames, 2, one, FitConfig())
+    assert agreement(slow, found) > 0.93 and lowest < 1.1 * score(frames, bodies_of(slow))
+    assert len(split_bodies(hinge[0], 2, bodies_of(hinge))) == 2
+
+
+def bar(slides: np.ndarray) -> tuple[Frames, np.ndarray]:
+    """A long thin bar that slides along itself, and its poses."""
+    rng, clouds = np.random.default_rng(0), []
+    for s in slides:
+        x = np.stack([rng.uniform(-12, 12, 1500), rng.uniform(-2, 2, 1500), rng.choice([-0.7, 0.7], 1500)], axis=1)
+        clouds.append(x + np.array([s, 0, 0]))
+    frames = make_frames(clouds)
+    T = np.tile(np.eye(4), (len(slides), 1, 1))
+    T[:, 0, 3] = (slides - slides[0]) / frames.unit
+    return frames, T
+
+
+def test_a_sweep_finds_how_far_a_bar_slid_along_itself() -> None:
+    frames, T = bar(np.array([0.0, 1.5, -1.0, 2.5]))
+    still = make_bodies(frames, np.tile(np.eye(4), (4, 1, 1, 1)), np.zeros(len(frames.points), dtype=int))
+    found = sweep_bodies(frames, 0, settled(frames, 0, still, (0.5,)))
+    x = frames.points[frames.rows(0)]
+    error = np.linalg.norm(transform(found[0].T[:, None], x) - transform(T[:, None], x), axis=-1).mean(axis=1)
+    assert error.max() < 2
+    right = make_bodies(frames, T[:, None], np.zeros(len(frames.points), dtype=int))
+    assert score(frames, found) < score(frames, right) + 10 < score(frames, still)
+
+
+def test_a_sweep_leaves_a_body_that_is_right(hinge: Case) -> None:
+    before = settled(hinge[0], 2, bodies_of(hinge), (0.4, 0.3))
+    after = sweep_bodies(hinge[0], 2, before)
+    assert np.abs(poses(after)[..., :3, 3] - poses(before)[..., :3, 3]).max() < 0.3
+
+
+def spoilt(found: Case, share: float, seed: int = 0) -> np.ndarray:
+    """Labels of which patches are wrong."""
+    frames, T, labels = found
+    rng, out = np.random.default_rng(seed), labels.copy()
+    for f in range(frames.n_frames):
+        points = frames.points[frames.rows(f)]
+        for centre in points[rng.choice(len(points), 8)]:
+            near = np.argsort(((points - centre) ** 2).sum(axis=1))[: int(share * len(points) / 8)]
+            out[frames.start[f] + near] = rng.integers(0, T.shape[1])
+    return out
+
+
+def test_labels_come_back_under_true_motions(cabinet: Case) -> None:
+    frames, T, _ = cabinet
+    wrong = make_bodies(frames, T, spoilt(cabinet, 0.3))
+    mended = exchange(frames, relabel(frames, wrong))
+    assert agreement(cabinet, wrong) < 0.9 and agreement(cabinet, mended) > 0.97
+    assert score(frames, mended) < score(frames, wrong)
+
+
+def test_labels_that_are_right_stay(cabinet: Case) -> None:
+    frames = cabinet[0]
+    assert agreement(cabinet, exchange(frames, relabel(frames, bodies_of(cabinet)))) > 0.98
+
+
+def test_a_wall_that_slides_in_itself_goes_as_one() -> None:
+    """The side of a drawer fits the body and the drawer; its ends tell."""
+    far = case(objects.cabinet(), step=45, points=2500)
+    frames, T, labels = far
+    bodies, drawer = bodies_of(far), 2  # it slides along y
+    assert np.allclose(T[:, drawer, :3, :3], np.eye(3)) and np.abs(T[:, drawer, 1, 3]).max() > 5
+    body = bodies[drawer]
+    side = body.rows[(np.abs(body.normals[:, 0]) > 0.95) & (body.z[:, 0] > 0.9 * body.z[:, 0].max())]
+    assert len(side) > 100
+    lost = labels.copy()
+    lost[side] = 0
+    given = exchange(frames, make_bodies(frames, T, lost))
+    back = np.mean(labels_of(given, len(labels))[side] == drawer)
+    assert back > 0.85 and score(frames, given) < score(frames, make_bodies(frames, T, lost))
+
+
+@pytest.mark.parametrize("move", [merge_bodies, split_bodies, sweep_bodies])
+@pytest.mark.parametrize("seed", range(2))
+def test_no_move_raises_the_score(move: Callable[..., Bodies], seed: int) -> None:
+    found = case(objects.random_tree(4, seed=seed), points=900, seed=seed)
+    frames, T, _ = found
+    before = settled(frames, 2, make_bodies(frames, T, spoilt(found, 0.2, seed)), (0.4, 0.3))
+    after = move(frames, 2, before)
+    assert score(frames, after) <= score(frames, before) * 1.002
+
+
+def test_right_from_wrong(hinge: Case) -> None:
+    """Bodies that are cut and mixed are explained by two parts again."""
+    frames, T, labels = hinge
+    rng = np.random.default_rng(0)
+    start = np.where(rng.random(len(labels)) < 0.1, 1 - labels, labels)
+    start[(labels == 0) & (frames.points[:, 0] > np.median(frames.points[:, 0]))] = 2
+    bodies = make_bodies(frames, np.concatenate([T, T[:, :1]], axis=1), start)
+    found, lowest = explain(frames, 2, bodies, FitConfig())
+    assert len(found) == 2 and agreement(hinge, found) > 0.97
+    assert lowest < score(frames, bodies)
+
+
+def test_crumbs_go_to_their_neighbours(hinge: Case) -> None:
+    frames, T, labels = hinge
+    changed = labels.copy()
+    changed[np.flatnonzero(labels == 1)[:10]] = 2
+    bodies = make_bodies(frames, np.concatenate([T, T[:, :1]], axis=1), changed)
+    kept = without_crumbs(frames, bodies)
+    assert len(kept) == 2 and (labels_of(kept, len(labels)) >= 0).all()
+
+
+def test_the_same_in_a_turned_world(hinge: Case) -> None:
+    frames, T, labels = hinge
+    turn = exp_se3(np.array([0.3, -0.8, 0.5, 4.0, -2.0, 7.0]))
+    moved = make_frames([transform(turn, np.asarray(tree.data)) for tree in frames.trees])
+    turned = make_bodies(moved, to_unit(turn @ T @ inverse(turn), moved.unit, moved.centre), labels[moved.order])
+    assert score(moved, turned) == pytest.approx(score(frames, bodies_of(hinge)), rel=0.02)
