@@ -76,6 +76,8 @@ def articulate(
     for each_round in steps(next(step), LAST_ROUNDS):
         label, adjustment = steps(each_round, 2)
         labels = own_labels(frames, tree, labels, config, label)
+        if config.uses("seams"):
+            labels = cut_seams(frames, tree, labels, thickness)
         fine = last_sigma(frames.noise)
         tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA, fine, fine), told=adjustment)
     progress("articulate", 1.0)
