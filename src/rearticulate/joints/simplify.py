@@ -15,7 +15,7 @@ from rearticulate.joints.articulated import Articulated
 from rearticulate.joints.bundle import SIGMA, adjust_to_poses, bundle_adjust
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import INFORMATION_SIGMA, points_behind
-from rearticulate.parts.bodies import bodies_equations, make_bodies, score
+from rearticulate.parts.bodies import bodies_equations, make_bodies, score_of
 from rearticulate.parts.cluster import adjacent_labels
 from rearticulate.progress import Told, steps, untold
 
@@ -115,7 +115,7 @@ def simplify(
     told: Told = untold,
 ) -> tuple[Articulated, IntArray, float]:
     """Fix joints, the least needed first, while the score does not rise. Returns tree, labels (M,) and score."""
-    value = score(frames, make_bodies(frames, tree.forward(), labels))
+    value = score_of(frames, tree.forward(), labels)
     poses = poses_of(frames, canonical, tree, labels)
     before = tree.n_parts + 1
     for each_round in steps(told, ROUNDS):
@@ -134,7 +134,7 @@ def simplify(
                 continue
             merged = option.number[labels]
             smaller = bundle_adjust(frames, canonical, option.tree, merged, (SIGMA,))
-            new = score(frames, make_bodies(frames, smaller.forward(), merged))
+            new = score_of(frames, smaller.forward(), merged)
             if new < value:
                 tree, labels, value, now = smaller, merged, new, option.number[now]
                 poses = poses_of(frames, canonical, tree, labels)

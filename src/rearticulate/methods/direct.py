@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rearticulate.methods.problem import Candidate, Problem
-from rearticulate.parts.bodies import make_bodies, score
+from rearticulate.parts.bodies import score_of
 from rearticulate.parts.relaxed import Relaxed
 from rearticulate.search.articulate import articulate
 from rearticulate.search.relax import relax
@@ -20,5 +20,4 @@ def articulate_direct(problem: Problem, relaxed: Relaxed, rng: np.random.Generat
     """The tree of joints with the lowest score."""
     frames, c = problem.frames, problem.canonical
     tree, labels = articulate(frames, c, relaxed, problem.labeller, problem.config, rng, problem.progress)
-    bodies = make_bodies(frames, tree.forward(), labels)
-    return Candidate(c, tree, labels, score(frames, bodies) / len(labels), relaxed)
+    return Candidate(c, tree, labels, score_of(frames, tree.forward(), labels) / len(labels), relaxed)

@@ -80,6 +80,13 @@ def join(a: Body, b: Body) -> Body:
     )
 
 
+def carried(frames: Frames, rows: IntArray, T: Array, normals: Array) -> Body:
+    """The body of these points under this motion, with known normals (M, 3) of all points in their frames."""
+    frame = frames.frame[rows]
+    back = inverse(T)[frame]
+    return Body(rows, frame, T, transform(back, frames.points[rows]), rotate(back, normals[rows]))
+
+
 def make_body(frames: Frames, rows: IntArray, T: Array) -> Body:
     """The body of these points under this motion, with new normals."""
     frame = frames.frame[rows]

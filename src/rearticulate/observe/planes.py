@@ -63,6 +63,21 @@ def _scatter_of_sheet(w, n, thickness, C):
 
 
 @numba.njit(cache=True, nogil=True)
+def first_state(i):
+    """Of the random numbers of point i: the same in every run."""
+    return np.uint64(88172645463325252) + np.uint64(i) * np.uint64(2654435761)
+
+
+@numba.njit(cache=True, nogil=True)
+def draw_pair(state, n):
+    """The next state (xorshift, Marsaglia 2003), and two of n."""
+    state ^= state << np.uint64(13)
+    state ^= state >> np.uint64(7)
+    state ^= state << np.uint64(17)
+    return state, np.int64((state >> np.uint64(11)) % np.uint64(n)), np.int64((state >> np.uint64(37)) % np.uint64(n))
+
+
+@numba.njit(cache=True, nogil=True)
 def _planes(points, near, thickness, tries):
     K = near.shape[1]
     out = np.zeros((len(points), 3))
@@ -71,14 +86,10 @@ def _planes(points, near, thickness, tries):
         for m in range(K):
             for c in range(3):
                 w[m, c] = points[near[i, m], c] - points[i, c]
-        state = np.uint64(88172645463325252) + np.uint64(i) * np.uint64(2654435761)
+        state = first_state(i)
         best, n[0], n[1], n[2] = 0.0, 0.0, 0.0, 1.0
         for _ in range(tries):
-            state ^= state << np.uint64(13)
-            state ^= state >> np.uint64(7)
-            state ^= state << np.uint64(17)
-            a = np.int64((state >> np.uint64(11)) % np.uint64(K))
-            b = np.int64((state >> np.uint64(37)) % np.uint64(K))
+            state, a, b = draw_pair(state, K)
             x = w[a, 1] * w[b, 2] - w[a, 2] * w[b, 1]
             y = w[a, 2] * w[b, 0] - w[a, 0] * w[b, 2]
             z = w[a, 0] * w[b, 1] - w[a, 1] * w[b, 0]

@@ -11,17 +11,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.geometry.nearest import nearest, search_tree
-from rearticulate.geometry.se3 import adjoint, inverse, rotate, transform
-from rearticulate.observe.body import (
-    Body,
-    make_body,
-    own_misfits,
-    pair_equations,
-    register,
-)
+from rearticulate.geometry.se3 import adjoint, inverse, rotate
+from rearticulate.observe.body import Body, carried, make_body, own_misfits, pair_equations, register
 from rearticulate.observe.frames import Frames
 from rearticulate.parts.cuts import Borders, sheet_borders
+from rearticulate.parts.relaxed import Relaxed, keep_parts
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -44,13 +38,7 @@ def make_bodies(frames: Frames, T: Array, labels: IntArray, before: Bodies = ())
 
 def group(frames: Frames, T: Array, labels: IntArray, normals: Array) -> Bodies:
     """As `make_bodies`, with known normals (M, 3) of all points in their frames."""
-    out = []
-    for p in range(T.shape[1]):
-        rows = np.flatnonzero(labels == p)
-        back = inverse(T[:, p])[frames.frame[rows]]
-        z = transform(back, frames.points[rows])
-        out.append(Body(rows, frames.frame[rows], T[:, p], z, rotate(back, normals[rows])))
-    return tuple(out)
+    return tuple(carried(frames, np.flatnonzero(labels == p), T[:, p], normals) for p in range(T.shape[1]))
 
 
 def poses(bodies: Bodies) -> Array:
@@ -64,6 +52,11 @@ def labels_of(bodies: Sequence[Body], M: int) -> IntArray:
     for p, body in enumerate(bodies):
         labels[body.rows] = p
     return labels
+
+
+def to_relaxed(bodies: Bodies, M: int) -> Relaxed:
+    """As poses and the labels of all M points."""
+    return Relaxed(poses(bodies), labels_of(bodies, M))
 
 
 def own_normals(bodies: Bodies, M: int) -> Array:
@@ -94,6 +87,11 @@ def score(frames: Frames, bodies: Bodies) -> float:
     return float(all_misfits(bodies, M, frames.noise).sum()) + borders + price(frames) * (len(bodies) - 1)
 
 
+def score_of(frames: Frames, T: Array, labels: IntArray) -> float:
+    """Score of the parts of poses T (F, P, 4, 4) and labels (M,), those without points among them."""
+    return score(frames, make_bodies(frames, T, labels))
+
+
 def border_between(borders: Borders, a: IntArray, b: IntArray, M: int) -> float:
     """Cost of the borders between two sets of points."""
     side = np.zeros(M, dtype=np.int8)
@@ -118,15 +116,9 @@ def settled(frames: Frames, canonical: int, bodies: Bodies, sigmas: Sequence[flo
 
 def without_crumbs(frames: Frames, bodies: Bodies) -> Bodies:
     """Bodies with hardly any points go; their points go to the body of the nearest other point of their frame."""
-    kept = [body for body in bodies if len(body) >= LEAST * frames.n_frames] or [max(bodies, key=len)]
-    if len(kept) == len(bodies):
+    sizes = np.array([len(body) for body in bodies])
+    keep = np.flatnonzero((sizes >= LEAST * frames.n_frames) | (np.arange(len(bodies)) == sizes.argmax()))
+    if len(keep) == len(bodies):
         return bodies
-    labels = labels_of(kept, len(frames.points))
-    for f in range(frames.n_frames):
-        points, here = frames.points[frames.rows(f)], labels[frames.rows(f)]
-        lost = here < 0
-        if lost.all():
-            labels[frames.rows(f)] = 0
-        elif lost.any():
-            here[lost] = here[~lost][nearest(search_tree(points[~lost]), points[lost])[1]]
-    return make_bodies(frames, poses(tuple(kept)), labels, tuple(kept))
+    model = keep_parts(frames, to_relaxed(bodies, len(frames.points)), keep)
+    return make_bodies(frames, model.T, model.labels, tuple(bodies[p] for p in keep))

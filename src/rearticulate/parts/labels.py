@@ -20,6 +20,7 @@ from rearticulate.geometry.se3 import inverse, transform
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import apart
 from rearticulate.observe.misfit import evidence_frames, point_misfit
+from rearticulate.observe.planes import draw_pair, first_state
 from rearticulate.parts.relaxed import Relaxed, drop_small
 from rearticulate.progress import Told, rounds, untold
 
@@ -127,14 +128,10 @@ def _sheet_support(x, y, weight, start, neighbour, thickness, curvature, tries):
                 squared += w[c, m] * w[c, m]
             mass[m] = weight[j]
             steep[m] = weight[j] / (thickness + curvature * squared) ** 2
-        state = np.uint64(88172645463325252) + np.uint64(i) * np.uint64(2654435761)
+        state = first_state(i)
         best = 0.0
         for _ in range(tries):
-            state ^= state << np.uint64(13)
-            state ^= state >> np.uint64(7)
-            state ^= state << np.uint64(17)
-            a = np.int64((state >> np.uint64(11)) % np.uint64(n))
-            b = np.int64((state >> np.uint64(37)) % np.uint64(n))
+            state, a, b = draw_pair(state, n)
             if a == b:
                 continue
             ux, uy, uz = w[0, a], w[1, a], w[2, a]

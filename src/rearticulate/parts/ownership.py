@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.geometry.se3 import inverse, rotate
-from rearticulate.observe.body import REACH, Body, misfits, own_misfits
+from rearticulate.geometry.se3 import rotate
+from rearticulate.observe.body import REACH, Body, carried, misfits, own_misfits
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.planes import plane_layers
 from rearticulate.parts.bodies import Bodies, all_misfits, group, labels_of, make_bodies, own_normals, poses
@@ -75,9 +75,7 @@ class Ownership:
 
     def as_if(self, p: int, rows: IntArray) -> Body:
         """These points as body p."""
-        z, frame = self.bodies[p].carry(self.frames, rows)
-        T = self.bodies[p].T
-        return Body(rows, frame, T, z, rotate(inverse(T)[frame], self.normals[rows]))
+        return carried(self.frames, rows, self.bodies[p].T, self.normals)
 
     def give(self, p: int, members: IntArray, normals: Array, least: float) -> bool:
         """Give these points, with new normals (n, 3), to body p if that lowers the cost by `least` at least."""
@@ -85,10 +83,8 @@ class Ownership:
         labels[members], self.normals[members] = p, normals
         change = self.borders.between(labels) - self.borders.between(self.labels)
         affected = []
-        for q in [
-            p,
-            *np.setdiff1d(self.labels[members], p),
-        ]:  # first the one that gains: it pays for what others lose
+        losers = np.setdiff1d(self.labels[members], p)
+        for q in [p, *losers]:  # first the one that gains: it pays for what others lose
             spot = self.as_if(q, members if q == p else members[self.labels[members] == q]).z
             cloud = self.as_if(q, np.flatnonzero(labels == q))
             cloud = cloud.take(_in_box(cloud.z, spot, 2 * REACH))

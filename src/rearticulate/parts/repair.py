@@ -102,14 +102,13 @@ class Repairer:
         d = nearest(tree, back.reshape(-1, 3), within=REACH)[0].reshape(len(T), -1)
         return np.minimum(d, REACH).sum(axis=1) * BACKWARD_WEIGHT / max(tree.n, 20)
 
-    def starts(self, f: int, u: int, p: int, extra: list[Array]) -> list[Array]:
-        """Own pose, velocity, what the neighbours do, other trajectories. u: the frame before f, seen outwards."""
+    def starts(self, f: int, u: int, p: int) -> list[Array]:
+        """Own pose, velocity, what the neighbours do. u: the frame before f, seen outwards."""
         T, before = self.T, 2 * u - f
         out = [T[f, p]]
         if u != self.canonical:
             out.append(T[u, p] @ inverse(T[before, p]) @ T[u, p])
-        out += [T[f, b] @ inverse(T[u, b]) @ T[u, p] for b in self.near[p]]
-        return out + [e[f] for e in extra]
+        return out + [T[f, b] @ inverse(T[u, b]) @ T[u, p] for b in self.near[p]]
 
     def turned(self, f: int, u: int, p: int, unexplained: Array) -> list[Array]:
         """The best few poses among all turns about the contact with a neighbour."""
@@ -137,13 +136,12 @@ class Repairer:
                 out.append(p)
         return out
 
-    def repair_frame(self, f: int, u: int, extra: dict[int, list[Array]], turn: bool) -> int:
+    def repair_frame(self, f: int, u: int) -> int:
         """Restart all parts in frame f; returns how many took another pose."""
         unexplained = self.unexplained(f)
-        starts = [self.starts(f, u, p, extra.get(p, [])) for p in self.parts]
-        if turn:
-            for p in self.suspicious(f, unexplained):
-                starts[self.parts.index(p)] += self.turned(f, u, p, unexplained[p])
+        starts = [self.starts(f, u, p) for p in self.parts]
+        for p in self.suspicious(f, unexplained):
+            starts[self.parts.index(p)] += self.turned(f, u, p, unexplained[p])
         point, body = flatten([self.subsets[p] for p, s in zip(self.parts, starts, strict=True) for _ in s])
         T0 = np.stack([T for s in starts for T in s])
         T1, cost = self.trials.register(f, point, body, T0, RESTART_SCHEDULE)
@@ -175,14 +173,12 @@ def repair_poses(
     canonical: int,
     model: Relaxed,
     rng: np.random.Generator,
-    extra: dict[int, list[Array]] | None = None,
-    turn: bool = True,
     told: Told = untold,
 ) -> Relaxed:
     """From the canonical frame outwards, restart every part; another pose is taken when it is better by the margin."""
     repairer = Repairer(frames, canonical, model, rng)
     if repairer.parts:
         for done, (f, before) in enumerate(outwards(canonical, frames.n_frames), start=1):
-            repairer.repair_frame(f, before, extra or {}, turn)
+            repairer.repair_frame(f, before)
             told(done / (frames.n_frames - 1))
     return Relaxed(repairer.T, model.labels)

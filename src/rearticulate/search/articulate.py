@@ -19,12 +19,12 @@ from rearticulate.joints.tree import Projection
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import surface_noise
 from rearticulate.observe.misfit import point_misfit
-from rearticulate.parts.bodies import labels_of, make_bodies, score, without_crumbs
+from rearticulate.parts.bodies import labels_of, make_bodies, score_of, to_relaxed, without_crumbs
 from rearticulate.parts.labels import Labeller
 from rearticulate.parts.ownership import exchange, relabel
 from rearticulate.parts.relaxed import Relaxed
 from rearticulate.progress import Told, steps, untold
-from rearticulate.search.explain import explain, to_relaxed
+from rearticulate.search.explain import explain
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -70,15 +70,14 @@ def articulate(
         if gain < WORTH * value:
             break
     assert best is not None
-    tree, labels, step = best.tree, best.labels, steps(last, 3)
+    tree, labels, fine = best.tree, best.labels, last_sigma(frames.noise)
     if config.uses("seams"):
         labels = cut_seams(frames, tree, labels, thickness)
-    for each_round in steps(next(step), LAST_ROUNDS):
+    for each_round in steps(last, LAST_ROUNDS):
         label, adjustment = steps(each_round, 2)
         labels = own_labels(frames, tree, labels, config, label)
         if config.uses("seams"):
             labels = cut_seams(frames, tree, labels, thickness)
-        fine = last_sigma(frames.noise)
         tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA, fine, fine), told=adjustment)
     progress("articulate", 1.0)
     return tree, labels
@@ -93,11 +92,6 @@ def own_labels(frames: Frames, tree: Articulated, labels: IntArray, config: FitC
     return labels_of(bodies, len(labels))
 
 
-def tree_score(frames: Frames, tree: Articulated, labels: IntArray) -> float:
-    """Score of the parts of a tree, links without points among them."""
-    return score(frames, make_bodies(frames, tree.forward(), labels))
-
-
 @dataclass(frozen=True)
 class Hypothesis:
     """One structure with its motions and the labels (M,) of all points."""
@@ -106,7 +100,7 @@ class Hypothesis:
     labels: IntArray
 
     def score(self, frames: Frames) -> float:
-        return tree_score(frames, self.tree, self.labels)
+        return score_of(frames, self.tree.forward(), self.labels)
 
 
 def same_structure(start: Projection, hypothesis: Hypothesis) -> bool:
@@ -146,7 +140,7 @@ def adjust(
         tree, _ = repair_joints(frames, canonical, tree, labels, rng, next(step))
     tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,), told=next(step))
     if not config.uses("simplify"):
-        return Hypothesis(tree, labels), tree_score(frames, tree, labels)
+        return Hypothesis(tree, labels), score_of(frames, tree.forward(), labels)
     tree, labels, value = simplify(frames, canonical, tree, labels, next(step))
     return Hypothesis(tree, labels), value
 

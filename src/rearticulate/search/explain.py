@@ -6,9 +6,8 @@ import numpy as np
 
 from rearticulate.config import FitConfig
 from rearticulate.observe.frames import Frames
-from rearticulate.parts.bodies import Bodies, labels_of, poses, score, settled, without_crumbs
+from rearticulate.parts.bodies import Bodies, score, settled, without_crumbs
 from rearticulate.parts.ownership import exchange, relabel
-from rearticulate.parts.relaxed import Relaxed
 from rearticulate.progress import Told, steps, untold
 from rearticulate.search.moves.merge import merge_bodies
 from rearticulate.search.moves.split import split_bodies
@@ -43,8 +42,3 @@ def explain(
         if gain < WORTH * new and len(bodies) == before:
             break
     return best, lowest
-
-
-def to_relaxed(bodies: Bodies, M: int) -> Relaxed:
-    """As poses and the labels of all M points."""
-    return Relaxed(poses(bodies), labels_of(bodies, M))

@@ -12,7 +12,7 @@ from rearticulate.config import FitConfig
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import surface_noise
 from rearticulate.observe.register import Schedule
-from rearticulate.parts.bodies import make_bodies
+from rearticulate.parts.bodies import make_bodies, to_relaxed
 from rearticulate.parts.cluster import cluster
 from rearticulate.parts.labels import Labeller
 from rearticulate.parts.patches import track_patches
@@ -28,7 +28,7 @@ from rearticulate.parts.repair import repair_poses
 from rearticulate.parts.rest import part_at_rest
 from rearticulate.parts.trial import trial_merge
 from rearticulate.progress import steps
-from rearticulate.search.explain import explain, to_relaxed
+from rearticulate.search.explain import explain
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]

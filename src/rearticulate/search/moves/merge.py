@@ -46,10 +46,10 @@ class _Merging:
         A, B = self.body[a], self.body[b]
         border = border_between(self.borders, A.rows, B.rows, len(self.frames.points))
         union, growth = A, np.inf
+        i, j = _sample(0, len(A)), _sample(len(A), len(B))
         for T in (A.T, B.T):
             both = join(A.moved(T), B.moved(T))
             both = register(self.frames, self.canonical, both, ROUGH, asked=2 * ASKED, renew=False)
-            i, j = _sample(0, len(A)), _sample(len(A), len(B))
             more_a = own_misfits(both, self.frames.noise, i) - self.misfit[a][i]
             more_b = own_misfits(both, self.frames.noise, j) - self.misfit[b][j - len(A)]
             estimate = more_a.mean() * len(A) + more_b.mean() * len(B) - border

@@ -18,7 +18,7 @@ from rearticulate.progress import Told, steps, untold
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
-Two = tuple[float, Body, Body]  # what the score falls by, and the bodies
+Two = tuple[float, Body, Body]  # misfit and border of two bodies in place of one, and the two
 
 LEAST = 6  # points a frame of each of two bodies
 LOOSE = 3.0  # spacings; components are farther apart
@@ -40,13 +40,14 @@ def split_bodies(frames: Frames, canonical: int, bodies: Bodies, told: Told = un
     for body, each in zip(bodies, steps(told, len(bodies)), strict=True):
         each(0.0)
         options = [by_components(frames, canonical, body), *by_regions(frames, canonical, body, borders)]
-        found = max(options, key=lambda two: two[0])
-        out += [found[1], found[2]] if found[0] > price(frames) else [body]
+        cost, first, second = min(options, key=lambda two: two[0])
+        gain = float(own_misfits(body, frames.noise).sum()) - cost
+        out += [first, second] if gain > price(frames) else [body]
     return tuple(out)
 
 
 def nothing(body: Body) -> Two:
-    return -np.inf, body, body
+    return np.inf, body, body
 
 
 def components(body: Body) -> IntArray:
@@ -61,14 +62,14 @@ def by_components(frames: Frames, canonical: int, body: Body) -> Two:
     """The best split of what does not touch the rest of the body."""
     component = components(body)
     size, least = np.bincount(component), LEAST * frames.n_frames
-    now, best = float(own_misfits(body, frames.noise).sum()), nothing(body)
+    best = nothing(body)
     for q in np.argsort(-size, kind="stable")[:COMPONENTS]:
         second = component == q
         if min(size[q], len(body) - size[q]) >= least:
             halves = [make_body(frames, body.rows[side], body.T) for side in (~second, second)]
             two = [register(frames, canonical, half, APART) for half in halves]
-            gain = now - sum(float(own_misfits(each, frames.noise).sum()) for each in two)
-            best = max(best, (gain, two[0], two[1]), key=lambda found: found[0])
+            cost = sum(float(own_misfits(each, frames.noise).sum()) for each in two)
+            best = min(best, (cost, two[0], two[1]), key=lambda found: found[0])
     return best
 
 
@@ -134,5 +135,5 @@ def separate(frames: Frames, canonical: int, body: Body, second: NDArray[np.bool
     if min(len(labels) - labels.sum(), labels.sum()) < least:
         return nothing(body)
     two = [register(frames, canonical, make_body(frames, body.rows[labels == p], motions[p]), SCALES) for p in (0, 1)]
-    new = sum(float(own_misfits(each, frames.noise).sum()) for each in two) + within.between(labels)
-    return float(own_misfits(body, frames.noise).sum()) - new, two[0], two[1]
+    misfit = sum(float(own_misfits(each, frames.noise).sum()) for each in two)
+    return misfit + within.between(labels), two[0], two[1]

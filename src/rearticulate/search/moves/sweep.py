@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.geometry.nearest import rms_radius
-from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, transform
+from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, rotate, transform
 from rearticulate.observe.body import Body, pair_equations, partners, register
 from rearticulate.observe.frames import Frames
 from rearticulate.parts.bodies import Bodies
@@ -54,6 +54,7 @@ def sweep(frames: Frames, canonical: int, body: Body) -> Body:
     if len(here) < LEAST:
         return body
     H, moved = pair_equations(body, SIGMA)[0], False
+    T, z, normals = body.T.copy(), body.z.copy(), body.normals.copy()
     for f in range(frames.n_frames):
         there = body.take(body.frame == f)
         if f == canonical or len(there) < LEAST:
@@ -67,11 +68,9 @@ def sweep(frames: Frames, canonical: int, body: Body) -> Body:
             if cost.min() < cost[count] - WORTH:
                 D, moved = shifts[int(cost.argmin())], True
         rows = body.frame == f
-        T, z, normals = body.T.copy(), body.z.copy(), body.normals.copy()
         T[f] = T[f] @ inverse(D)
-        z[rows], normals[rows] = transform(D, there.z), there.normals @ D[:3, :3].T
-        body = replace(body, T=T, z=z, normals=normals)
-    return register(frames, canonical, body, SCALES) if moved else body
+        z[rows], normals[rows] = transform(D, there.z), rotate(D, there.normals)
+    return register(frames, canonical, replace(body, T=T, z=z, normals=normals), SCALES) if moved else body
 
 
 def _misfit(here: Body, there: Body, D: Array, noise: float) -> float:
