@@ -17,7 +17,6 @@ from rearticulate.jsons import read_json
 Mechanism = Literal[
     "network",  # matches of the correspondence network, as a start of the tracking where a frame fits badly
     "pose repair",  # restarts of lost parts before there is a tree
-    "part at rest",  # points that stand still, where a body of revolution hides them
     "small middles",  # a small part as the middle link of a chain between its neighbours
     "hidden links",  # links without points of their own
     "joint repair",  # restarts and sweeps of joints, under a tree
@@ -100,9 +99,8 @@ class FitConfig(Settings):
     capture_range: Positive = 37.0  # spacings; robust scale of a correspondence when the tracking of a frame begins
     fragment_penalty: NotNegative = 5.0  # growth of the rigid-fit error, in its variance, that stops the merging ...
     max_fragments: Count = 80  # ... of tracked patches, once there are no more fragments than this
-    merge_threshold: Positive = 0.045  # spacings; growth of a point's misfit below which two fragments are one body
+    merge_threshold: Positive = 0.03  # spacings; growth of a point's misfit below which two fragments are one body
     max_parts: Count = 40  # rigid parts that are worked with; where more are found, the smallest are dissolved
-    minimum_points: NotNegative = 20.0  # a frame; a part with fewer is dissolved by its coarse labels
     joint_chi2: NotNegative = 3.0  # one joint is enough below this
     slide_margin: NotNegative = 6.0  # extra chi-square, not per degree of freedom, at which a slide is still preferred
     max_hidden: CountOrZero = 20  # links without points of their own, in all

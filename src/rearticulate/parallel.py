@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from threadpoolctl import threadpool_limits
 
 Job = TypeVar("Job")
-
+Result = TypeVar("Result")
 
 PULSE = 0.2  # seconds
 
@@ -36,10 +36,26 @@ def _outlive(parent: int) -> None:
     os._exit(1)
 
 
-def _alone(work: Callable[[Any], Any], job: Any) -> Any:
+_cores = threading.local()  # that a piece of work may use: those of the machine, or one of several beside it
+
+
+def _alone(work: Callable[[Any], Any], job: Any, cores: int = 1) -> Any:
     """Run one job with single-threaded linear algebra: sums come out the same wherever it runs."""
-    with threadpool_limits(1):
-        return work(job)
+    before, _cores.count = getattr(_cores, "count", 1), cores
+    try:
+        with threadpool_limits(1):
+            return work(job)
+    finally:
+        _cores.count = before
+
+
+def each(work: Callable[[Job], Result], jobs: Sequence[Job]) -> list[Result]:
+    """Results of the jobs, in order, on threads where cores are free: for work that releases the interpreter."""
+    count = min(getattr(_cores, "count", 1), len(jobs))
+    if count < 2:
+        return [work(job) for job in jobs]
+    with ThreadPoolExecutor(count) as threads:
+        return list(threads.map(work, jobs))
 
 
 def side_by_side(here: Callable[[Job], Any], elsewhere: Callable[[Job], Any], jobs: Sequence[Job]) -> list[Any]:
@@ -47,7 +63,7 @@ def side_by_side(here: Callable[[Job], Any], elsewhere: Callable[[Job], Any], jo
     free takes the next, this process by `here`, others by `elsewhere` (picklable)."""
     workers = min(os.cpu_count() or 1, len(jobs)) - 1
     if workers < 1:
-        return [_alone(here, job) for job in jobs]
+        return [_alone(here, job, os.cpu_count() or 1) for job in jobs]
     from loky import get_reusable_executor
 
     executor = get_reusable_executor(

@@ -6,7 +6,7 @@ import dataclasses
 import hashlib
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +19,12 @@ from rearticulate.io.stages import StageStore
 from rearticulate.joints.articulated import Articulated
 from rearticulate.joints.spherical import BallTree
 from rearticulate.methods.device import choose_device
-from rearticulate.methods.problem import Candidate, Problem
+from rearticulate.methods.problem import Candidate, Problem, Start
 from rearticulate.methods.registry import articulate_by, relax_by
 from rearticulate.observe.flow import SceneFlow
 from rearticulate.observe.frames import Frames, make_frames
 from rearticulate.parallel import side_by_side
-from rearticulate.parts.labels import Labeller
+from rearticulate.parts.bodies import score_of
 from rearticulate.parts.relaxed import Relaxed
 from rearticulate.records import FitResult, PointSequence, StageTime
 from rearticulate.results import to_result
@@ -88,16 +88,20 @@ def fit(
         known = np.arange(F)
     clock("prepare", 0.5)
     shown = frames.take(known)
-    labeller = Labeller(shown)
     clock("prepare", 1.0)
     flow = scene_flow(shown, config, clock)
-    solver = Solver(shown, flow, labeller, config, seed, clock, store, fingerprint(sequence, config, seed), device)
+    solver = Solver(shown, flow, config, seed, clock, store, fingerprint(sequence, config, seed), device)
     silent = dataclasses.replace(solver, clock=Clock(None))
     place = None if canonical is None else int(np.searchsorted(known, canonical))
     tried = canonical_frames(np.diff(shown.start), place, config)
-    fits = side_by_side(solver.candidate, silent.candidate, tried)
-    energies = {int(known[t.canonical]): t.energy for t in fits}
-    best = min(fits, key=lambda t: t.energy)
+    starts = sorted(side_by_side(solver.start, silent.start, tried), key=lambda start: start.score)
+    energies = {int(known[start.canonical]): start.score for start in starts}
+    told = config.articulate == "direct"  # by the scores of the starts already, which of them is the best
+    jobs = [starts] if told else [[start] for start in starts]
+    fits = side_by_side(solver.candidate, silent.candidate, jobs)
+    if not told:
+        energies = {int(known[found.canonical]): found.energy for found in fits}
+    best = min(fits, key=lambda found: found.energy)
     c = int(known[best.canonical])
     clock("finish", 0.0)
     if isinstance(best.tree, Articulated):
@@ -153,7 +157,6 @@ class Solver:
 
     frames: Frames
     flow: tuple[SceneFlow, ...]
-    labeller: Labeller
     config: FitConfig
     seed: int
     clock: Clock
@@ -162,10 +165,11 @@ class Solver:
     device: str
 
     def problem(self, canonical: int) -> Problem:
-        return Problem(self.frames, canonical, self.flow, self.labeller, self.config, self.clock, self.device)
+        return Problem(self.frames, canonical, self.flow, self.config, self.clock, self.device)
 
-    def candidate(self, canonical: int) -> Candidate:
-        relaxed = self.relaxed(canonical)
+    def candidate(self, starts: Sequence[Start]) -> Candidate:
+        """The fit from the first of these starts, the others beside it."""
+        canonical = starts[0].canonical
         F, M = self.frames.n_frames, len(self.frames.points)
         both = {"parent": ("P",), "T_root": (F, 4, 4), "labels": (M,), "energy": ()}
         screws = {**both, "twist": ("P", 6), "revolute": ("P",), "q": (F, "P")}
@@ -174,19 +178,22 @@ class Solver:
             saved = self.store.load(f"articulated-{canonical}", self.mark, shapes)
             if saved is not None:
                 labels, value = saved.pop("labels"), float(saved.pop("energy"))
-                return Candidate(canonical, kind(**saved), labels, value, relaxed)
+                return Candidate(canonical, kind(**saved), labels, value, starts[0].relaxed)
         rng = np.random.default_rng([self.seed, canonical, 1])
-        found = articulate_by(self.config.articulate)(self.problem(canonical), relaxed, rng)
+        found = articulate_by(self.config.articulate)(self.problem(canonical), starts, rng)
         everything = {**vars(found.tree), "labels": found.labels, "energy": found.energy}
         self.store.save(f"articulated-{canonical}", self.mark, everything)
         return found
 
-    def relaxed(self, canonical: int) -> Relaxed:
+    def start(self, canonical: int) -> Start:
         F, M = self.frames.n_frames, len(self.frames.points)
-        saved = self.store.load(f"relaxed-{canonical}", self.mark, {"T": (F, "P", 4, 4), "labels": (M,), "found": ()})
+        shapes = {"T": (F, "P", 4, 4), "labels": (M,), "found": (), "score": ()}
+        saved = self.store.load(f"relaxed-{canonical}", self.mark, shapes)
         if saved is not None:
-            return Relaxed(saved["T"], saved["labels"], int(saved["found"]))
+            relaxed = Relaxed(saved["T"], saved["labels"], int(saved["found"]))
+            return Start(canonical, relaxed, float(saved["score"]))
         rng = np.random.default_rng([self.seed, canonical, 0])
         model = relax_by(self.config.relax)(self.problem(canonical), rng)
-        self.store.save(f"relaxed-{canonical}", self.mark, vars(model))
-        return model
+        found = Start(canonical, model, score_of(self.frames, model.T, model.labels) / M)
+        self.store.save(f"relaxed-{canonical}", self.mark, {**vars(model), "score": found.score})
+        return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +25,25 @@ class Cells:
     shape: IntArray
 
 
+@numba.njit(cache=True, nogil=True)
+def _sort(points, low, size, shape):
+    """Points by cell, in their order within one, and the first of each cell (counting sort)."""
+    cell = np.empty(len(points), np.int64)
+    start = np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int64)
+    for i in range(len(points)):
+        place = 0
+        for c in range(3):
+            place = place * shape[c] + int((points[i, c] - low[c]) // size)
+        cell[i] = place
+        start[place + 1] += 1
+    start = np.cumsum(start)
+    order, free = np.empty(len(points), np.int64), start.copy()
+    for i in range(len(points)):
+        order[free[cell[i]]] = i
+        free[cell[i]] += 1
+    return order, start
+
+
 def sort_into_cells(points: Array, reach: float) -> Cells:
     """Cells at least as long as the reach: what is within it of a place lies in the 27 cells around that place."""
     if len(points) == 0:
@@ -31,7 +51,5 @@ def sort_into_cells(points: Array, reach: float) -> Cells:
     low, high = points.min(axis=0), points.max(axis=0)
     size = max(reach, float((high - low).max()) / MOST)
     shape = ((high - low) // size).astype(np.int64) + 1
-    place = ((points - low) // size).astype(np.int64)
-    cell = (place[:, 0] * shape[1] + place[:, 1]) * shape[2] + place[:, 2]
-    start = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=int(shape.prod())))])
-    return Cells(np.argsort(cell, kind="stable"), start, low, size, shape)
+    order, start = _sort(points, low, size, shape)
+    return Cells(order, start, low, size, shape)

@@ -15,7 +15,7 @@ from rearticulate.joints.articulated import Articulated
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import to_canonical
 from rearticulate.observe.misfit import point_misfit
-from rearticulate.parts.labels import SHEET_RADIUS, SHEET_THICKNESS, part_distances, sheet_evidence
+from rearticulate.parts.sheets import RADIUS, THICKNESS, part_distances, sheet_evidence
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -79,7 +79,7 @@ def cut_seams(
     frames: Frames,
     tree: Articulated,
     labels: IntArray,
-    thickness: float = SHEET_THICKNESS,
+    thickness: float = THICKNESS,
     only_empty: bool = False,
 ) -> IntArray:
     """Labels (M,) with the border of every turning joint made a plane where the evidence allows it.
@@ -97,8 +97,8 @@ def cut_seams(
     candidates = np.isfinite(part_distances(frames, labels, tree.n_parts, ZONE))
     candidates &= np.isin(np.arange(tree.n_parts), np.concatenate([joints, tree.parent[joints]]))
     gap = gap_distances(frames, tree, T, labels, z, empty)
-    sheets = candidates | (gap < LINK_REACH + SHEET_RADIUS)
-    U = sheet_evidence(frames, T, sheets, None, thickness)
+    sheets = candidates | (gap < LINK_REACH + RADIUS)
+    U = sheet_evidence(frames, T, sheets, thickness)
     candidates |= gap < LINK_REACH
     labels = labels.copy()
     limit = SACRIFICE * np.sqrt((frames.n_frames - 1) / 9)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,10 +13,18 @@ from rearticulate.joints.articulated import Articulated
 from rearticulate.joints.spherical import BallTree
 from rearticulate.observe.flow import SceneFlow
 from rearticulate.observe.frames import Frames
-from rearticulate.parts.labels import Labeller
 from rearticulate.parts.relaxed import Relaxed
 
 IntArray = NDArray[np.integer]
+
+
+@dataclass(frozen=True)
+class Start:
+    """A relaxed model, from one canonical frame, and its score a point."""
+
+    canonical: int
+    relaxed: Relaxed
+    score: float
 
 
 @dataclass(frozen=True)
@@ -30,7 +38,6 @@ class Problem:
     frames: Frames
     canonical: int
     flow: tuple[SceneFlow, ...]
-    labeller: Labeller
     config: FitConfig
     progress: Callable[[str, float], None]
     device: str = "cpu"
@@ -48,4 +55,4 @@ class Candidate:
 
 
 Relax = Callable[[Problem, np.random.Generator], Relaxed]
-Articulate = Callable[[Problem, Relaxed, np.random.Generator], Candidate]
+Articulate = Callable[[Problem, Sequence[Start], np.random.Generator], Candidate]

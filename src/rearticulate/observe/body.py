@@ -22,7 +22,7 @@ from rearticulate.geometry.robust import geman_mcclure
 from rearticulate.geometry.se3 import exp_se3, inverse, rotate, transform
 from rearticulate.observe.frames import NOISE_FLOOR, Frames
 from rearticulate.observe.misfit import evidence_frames
-from rearticulate.observe.planes import plane_layers
+from rearticulate.observe.planes import plane_layers, surroundings
 from rearticulate.observe.register import CONVERGED, normal_equations, solve_twists
 
 Array = NDArray[np.floating]
@@ -39,18 +39,21 @@ INNER = 3
 POINT_SHARE = 0.02  # of the squared distance of a pair in what is robust in a registration ...
 POINT_WEIGHT = 0.01  # ... and in what it brings together
 MAX_STEP = 0.5
+STAYED = 0.2  # spacings; mean motion of points below which their neighbours, and what was tried, still hold
+SAME = 0.97  # share of the points of the larger of two bodies that are alike
 
 
 @dataclass(frozen=True)
 class Body:
     """rows (n,) of its points, frame (n,) of each; T (F, 4, 4) T_frame_canonical; points z (n, 3) and normals (n, 3) in
-    the canonical frame."""
+    the canonical frame. near (n, K): neighbours among them (`observe.planes`), where they were asked for."""
 
     rows: IntArray
     frame: IntArray
     T: Array
     z: Array
     normals: Array
+    near: IntArray | None = None
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -91,7 +94,8 @@ def make_body(frames: Frames, rows: IntArray, T: Array) -> Body:
     """The body of these points under this motion, with new normals."""
     frame = frames.frame[rows]
     z = transform(inverse(T)[frame], frames.points[rows])
-    return Body(rows, frame, T, z, plane_layers(z)[1])
+    near = surroundings(z)
+    return Body(rows, frame, T, z, plane_layers(z, near)[1], near)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -198,6 +202,7 @@ def register(
     sigmas: robust scales of a point. asked: so many points take part, about. renew: with new normals at the end.
     """
     F, stride = frames.n_frames, max(1, len(body) // asked)
+    before = body
     for sigma in sigmas:
         for _ in range(INNER):
             step = (F - 1) / F * solve_twists(*pair_equations(body, sigma, stride))  # all frames move at once
@@ -206,4 +211,19 @@ def register(
             body = body.moved(body.T @ inverse(D))
             if np.abs(step).max() < CONVERGED:
                 break
-    return make_body(frames, body.rows, body.T) if renew else body
+    return renewed(body, before) if renew else body
+
+
+def renewed(body: Body, before: Body) -> Body:
+    """The body with new normals, among the neighbours of before where it has hardly moved since."""
+    stayed = before.near is not None and np.linalg.norm(body.z - before.z, axis=1).mean() < STAYED
+    near = before.near if stayed else surroundings(body.z)
+    return replace(body, normals=plane_layers(body.z, near)[1], near=near)
+
+
+def alike(a: Body, b: Body) -> bool:
+    """Have the two nearly the same points and the same motion?"""
+    common, i, j = np.intersect1d(a.rows, b.rows, assume_unique=True, return_indices=True)
+    if len(common) < SAME * max(len(a), len(b)):
+        return False
+    return len(common) == 0 or float(np.linalg.norm(a.z[i] - b.z[j], axis=1).mean()) < STAYED

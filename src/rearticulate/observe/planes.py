@@ -18,7 +18,8 @@ IntArray = NDArray[np.integer]
 
 NEIGHBOURS = 24
 PLANE_NEIGHBOURS = 20  # that vote for the plane of a point
-TRIES = 24  # planes
+TRIES = 24  # planes, at most
+ENOUGH = 0.9  # share of the votes that ends the tries
 NEAREST = 4  # neighbours that tell what points deviate by
 THICKNESS = 0.2  # spacings; half of a sheet: what lies within it votes
 SLAB = 0.1  # spacings; half of the slab that a layer grows in
@@ -78,8 +79,9 @@ def draw_pair(state, n):
 
 
 @numba.njit(cache=True, nogil=True)
-def _planes(points, near, thickness, tries):
+def _planes(points, near, thickness, tries, share):
     K = near.shape[1]
+    enough = share * K
     out = np.zeros((len(points), 3))
     w, n, C = np.empty((K, 3)), np.empty(3), np.empty((3, 3))
     for i in range(len(points)):
@@ -104,6 +106,8 @@ def _planes(points, near, thickness, tries):
                 support += max(1.0 - d * d, 0.0)
             if support > best:
                 best, n[0], n[1], n[2] = support, x, y, z
+                if best > enough:
+                    break
         for _ in range(2):
             _scatter_of_sheet(w, n, thickness, C)
             _approach_smallest(C, n)
@@ -115,7 +119,7 @@ def plane_normals(points: Array, near: IntArray | None = None, thickness: float 
     """(N, 3) unit normals of unknown sign of points (N, 3), three at least. near (N, K): their neighbours, if known."""
     if near is None:
         near = nearest(search_tree(points), points, k=min(PLANE_NEIGHBOURS + 1, len(points)))[1][:, 1:]
-    return _planes(np.ascontiguousarray(points), near[:, :PLANE_NEIGHBOURS], thickness, TRIES)
+    return _planes(np.ascontiguousarray(points), near[:, :PLANE_NEIGHBOURS], thickness, TRIES, ENOUGH)
 
 
 def neighbour_offsets(points: Array) -> Array:
@@ -128,20 +132,21 @@ def neighbour_offsets(points: Array) -> Array:
 
 
 @numba.njit(cache=True, nogil=True)
-def _spread(points, near, distance, layer, seed, centre, normal, slab, step, mark, stamp, member):
+def _spread(points, near, layer, seed, centre, normal, slab, step, mark, stamp, member):
     """The free points of the slab that steps lead to from the seed: how many, in `member`, which is the queue, too."""
     member[0], mark[seed], size, done = seed, stamp, 1, 0
     while done < size:
         i = member[done]
         done += 1
         for h in range(near.shape[1]):
-            if distance[i, h] > step:
-                break
             j = near[i, h]
-            d = 0.0
+            if mark[j] == stamp or layer[j] >= 0:
+                continue
+            away, d = 0.0, 0.0
             for c in range(3):
+                away += (points[j, c] - points[i, c]) ** 2
                 d += normal[c] * (points[j, c] - centre[c])
-            if mark[j] != stamp and layer[j] < 0 and abs(d) < slab:
+            if away < step * step and abs(d) < slab:
                 mark[j], member[size] = stamp, j
                 size += 1
     return size
@@ -162,7 +167,7 @@ def _fit_plane(points, member, size, centre, normal):
 
 
 @numba.njit(cache=True, nogil=True)
-def _grow(points, normals, near, distance, order, slab, step, passes, smallest):
+def _grow(points, normals, near, order, slab, step, passes, smallest):
     """Layers (n,), -1 for none, each grown from the first free point in `order`."""
     n = len(points)
     layer, mark, member = np.full(n, -1), np.zeros(n, np.int64), np.empty(n, np.int64)
@@ -173,7 +178,7 @@ def _grow(points, normals, near, distance, order, slab, step, passes, smallest):
         centre, normal, size = points[seed].copy(), normals[seed].copy(), 0
         for turn in range(passes):
             stamp += 1
-            size = _spread(points, near, distance, layer, seed, centre, normal, slab, step, mark, stamp, member)
+            size = _spread(points, near, layer, seed, centre, normal, slab, step, mark, stamp, member)
             if turn == passes - 1 or size < smallest:
                 break
             _fit_plane(points, member, size, centre, normal)
@@ -183,16 +188,23 @@ def _grow(points, normals, near, distance, order, slab, step, passes, smallest):
     return layer
 
 
-def plane_layers(points: Array, slab: float = SLAB) -> tuple[IntArray, Array]:
+def surroundings(points: Array) -> IntArray:
+    """(N, K) rows of the nearest other points of a cloud (N, 3), for `plane_layers`."""
+    if len(points) < 2:
+        return np.zeros((len(points), 0), np.int64)
+    return nearest(search_tree(points), points, k=min(NEIGHBOURS + 1, len(points)))[1][:, 1:]
+
+
+def plane_layers(points: Array, near: IntArray | None = None, slab: float = SLAB) -> tuple[IntArray, Array]:
     """Layer (N,) of every point of a cloud (N, 3), -1 for none, and normals (N, 3): of layers, or of single planes.
-    Lengths in spacings. Fewer than four points have no layers and any normals."""
+    Lengths in spacings. near: `surroundings`, if known. Fewer than four points have no layers and any normals."""
     if len(points) < 4:
         return np.full(len(points), -1), np.tile([0.0, 0.0, 1.0], (len(points), 1))
     points = np.ascontiguousarray(points)
-    distance, near = nearest(search_tree(points), points, k=min(NEIGHBOURS + 1, len(points)))
-    normals = plane_normals(points, near[:, 1:], 2 * slab)
+    near = surroundings(points) if near is None else near
+    normals = plane_normals(points, near, 2 * slab)
     order = np.random.default_rng(0).permutation(len(points))
-    layer = _grow(points, normals, near[:, 1:], distance[:, 1:], order, slab, STEP, PASSES, SMALLEST)
+    layer = _grow(points, normals, near, order, slab, STEP, PASSES, SMALLEST)
     inside = np.flatnonzero(layer >= 0)
     by_layer = inside[np.argsort(layer[inside], kind="stable")]
     for rows in np.split(by_layer, np.flatnonzero(np.diff(layer[by_layer])) + 1):
@@ -208,7 +220,8 @@ def surface_normals(points: Array) -> Array:
     axes = np.linalg.eigh(centred.T @ centred)[1]
     z, x, y = (centred @ axes).T
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    fitted = np.linalg.lstsq(terms, z, rcond=None)[0]
+    gram = terms.T @ terms
+    fitted = np.linalg.solve(gram + 1e-12 * np.trace(gram) * np.eye(6), terms.T @ z)
     if CURVED * np.sum((terms @ fitted - z) ** 2) > np.sum(z**2):
         return np.tile(axes[:, 0], (len(points), 1))
     _, bx, by, xx, xy, yy = fitted

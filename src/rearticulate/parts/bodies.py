@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.geometry.se3 import adjoint, inverse, rotate
-from rearticulate.observe.body import Body, carried, make_body, own_misfits, pair_equations, register
+from rearticulate.observe.body import Body, alike, carried, make_body, own_misfits, pair_equations, register, renewed
 from rearticulate.observe.frames import Frames
+from rearticulate.parallel import each
 from rearticulate.parts.cuts import Borders, sheet_borders
 from rearticulate.parts.relaxed import Relaxed, keep_parts
 
@@ -26,14 +27,15 @@ LEAST = 3  # points a frame of a body
 
 def make_bodies(frames: Frames, T: Array, labels: IntArray, before: Bodies = ()) -> Bodies:
     """One for each part of T (F, P, 4, 4) and labels (M,). before: what has the same points and motion is kept."""
-    out = []
-    for p in range(T.shape[1]):
+
+    def make(p: int) -> Body:
         rows = np.flatnonzero(labels == p)
-        if p < len(before) and np.array_equal(before[p].rows, rows) and np.array_equal(before[p].T, T[:, p]):
-            out.append(before[p])
-        else:
-            out.append(make_body(frames, rows, T[:, p]))
-    return tuple(out)
+        if p >= len(before) or not np.array_equal(before[p].rows, rows):
+            return make_body(frames, rows, T[:, p])
+        same = np.array_equal(before[p].T, T[:, p])
+        return before[p] if same else renewed(before[p].moved(T[:, p]), before[p])
+
+    return tuple(each(make, range(T.shape[1])))
 
 
 def group(frames: Frames, T: Array, labels: IntArray, normals: Array) -> Bodies:
@@ -70,8 +72,8 @@ def own_normals(bodies: Bodies, M: int) -> Array:
 def all_misfits(bodies: Bodies, M: int, noise: float) -> Array:
     """(M,) misfit of every point to its own body."""
     out = np.empty(M)
-    for body in bodies:
-        out[body.rows] = own_misfits(body, noise)
+    for body, found in zip(bodies, each(lambda body: own_misfits(body, noise), bodies), strict=True):
+        out[body.rows] = found
     return out
 
 
@@ -102,16 +104,21 @@ def border_between(borders: Borders, a: IntArray, b: IntArray, M: int) -> float:
 def bodies_equations(bodies: Bodies, sigma: float) -> tuple[Array, Array]:
     """Normal equations H (F, P, 6, 6), g (F, P, 6) of left twists of the poses T. A left twist of a frame's points at
     canonical is -inv(T) (twist) T of its pose."""
-    found = [pair_equations(body, sigma) for body in bodies]
+    found = each(lambda body: pair_equations(body, sigma), bodies)
     H, g = (np.stack(each, axis=1) for each in zip(*found, strict=True))
     A = adjoint(inverse(poses(bodies)))
     A_t = np.swapaxes(A, -1, -2)
     return A_t @ H @ A, -(A_t @ g[..., None])[..., 0]
 
 
+def fresh(bodies: Bodies, tried: Bodies) -> list[bool]:
+    """Which bodies are others than those that were tried."""
+    return [not any(alike(body, old) for old in tried) for body in bodies]
+
+
 def settled(frames: Frames, canonical: int, bodies: Bodies, sigmas: Sequence[float]) -> Bodies:
     """Every body registered anew."""
-    return tuple(register(frames, canonical, body, sigmas) if len(body) else body for body in bodies)
+    return tuple(each(lambda body: register(frames, canonical, body, sigmas) if len(body) else body, bodies))
 
 
 def without_crumbs(frames: Frames, bodies: Bodies) -> Bodies:

@@ -15,9 +15,10 @@ from rearticulate.geometry.se3 import rotate
 from rearticulate.observe.body import REACH, Body, carried, misfits, own_misfits
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.planes import plane_layers
-from rearticulate.parts.bodies import Bodies, all_misfits, group, labels_of, make_bodies, own_normals, poses
+from rearticulate.parallel import each
+from rearticulate.parts.bodies import Bodies, all_misfits, fresh, group, labels_of, make_bodies, own_normals, poses
 from rearticulate.parts.cuts import Borders, expand, sheet_borders
-from rearticulate.parts.labels import doubtful, part_distances
+from rearticulate.parts.sheets import doubtful, part_distances
 from rearticulate.progress import Told, steps, untold
 
 Array = NDArray[np.floating]
@@ -45,13 +46,9 @@ def relabel(frames: Frames, bodies: Bodies, rounds: int = ROUNDS, told: Told = u
     for each_round in steps(told, rounds):
         before, borders = labels, sheet_borders(frames, own_normals(bodies, M))
         candidates = candidates_near(frames, labels, P, NEAR)
-        asked = candidates & doubtful(candidates)[:, None]
         each_round(0.5)
         for _ in range(INNER):
-            last, cost = labels, np.where(candidates, 0.0, np.inf)
-            for p, body in enumerate(bodies):
-                rows = np.flatnonzero(asked[:, p])
-                cost[rows, p] = misfits(*body.carry(frames, rows), body, frames.noise)
+            last, cost = labels, costs(frames, bodies, candidates)
             for p in range(P):
                 labels = expand(cost, labels, borders, p)
             bodies = make_bodies(frames, T, labels, bodies)
@@ -60,6 +57,19 @@ def relabel(frames: Frames, bodies: Bodies, rounds: int = ROUNDS, told: Told = u
         if np.mean(labels != before) < SETTLED:
             break
     return bodies
+
+
+def costs(frames: Frames, bodies: Bodies, candidates: NDArray[np.bool_]) -> Array:
+    """(M, P) misfit of every point if it were each of its candidates' (M, P), inf elsewhere; 0 where it has but one."""
+    out = np.where(candidates, 0.0, np.inf)
+    asked = candidates & doubtful(candidates)[:, None]
+
+    def ask(p: int) -> None:
+        rows = np.flatnonzero(asked[:, p])
+        out[rows, p] = misfits(*bodies[p].carry(frames, rows), bodies[p], frames.noise)
+
+    each(ask, range(len(bodies)))
+    return out
 
 
 @dataclass
@@ -107,7 +117,7 @@ def _in_box(z: Array, spot: Array, reach: float) -> IntArray:
     return np.flatnonzero(((z > spot.min(axis=0) - reach) & (z < spot.max(axis=0) + reach)).all(axis=1))
 
 
-def exchange(frames: Frames, bodies: Bodies, told: Told = untold) -> Bodies:
+def exchange(frames: Frames, bodies: Bodies, tried: Bodies = (), told: Told = untold) -> Bodies:
     """The bodies after flat layers have gone to one of them where that lowers the cost.
 
     The layers of a body are those of the cloud that all points make which its motion explains, whatever their labels:
@@ -119,23 +129,31 @@ def exchange(frames: Frames, bodies: Bodies, told: Told = untold) -> Bodies:
     state = Ownership(frames, bodies, labels, normals, all_misfits(bodies, M, frames.noise), borders)
     edge = np.bincount(borders.i, borders.cost, minlength=M) + np.bincount(borders.j, borders.cost, minlength=M)
     near = candidates_near(frames, labels, P, FAR)
-    for p, each in enumerate(steps(told, P)):
-        each(0.0)
-        rows = np.flatnonzero(near[:, p] | (state.labels == p))
-        anyone = state.as_if(p, rows)
-        fits = own_misfits(anyone, frames.noise)
-        kept = np.flatnonzero((fits < FITS) | (state.labels[rows] == p))
-        layer, planes = plane_layers(anyone.z[kept])
-        planes = rotate(anyone.T[anyone.frame[kept]], planes)
+    chosen = np.flatnonzero(fresh(bodies, tried))
+    for p, told_one in zip(chosen, steps(told, len(chosen)), strict=True):
+        told_one(0.0)
+        members_of, fits, layer, planes = _layers(frames, state, int(p), near[:, p])
         sizes = np.bincount(layer[layer >= 0], minlength=1)
         for k in np.argsort(-sizes, kind="stable"):
             if sizes[k] < LEAST_LAYER:
                 break
             inside = layer == k
-            members = rows[kept[inside]]
+            members = members_of[inside]
             taken = state.labels[members] != p
             least = GAIN * np.count_nonzero(taken)
-            most = np.maximum(state.now[members] - fits[kept[inside]], 0.0).sum() + edge[members[taken]].sum()
+            most = np.maximum(state.now[members] - fits[inside], 0.0).sum() + edge[members[taken]].sum()
             if np.count_nonzero(taken) >= LEAST_TAKEN and most > least:
                 state.give(p, members, planes[inside], least)
     return group(frames, poses(bodies), state.labels, state.normals)
+
+
+def _layers(
+    frames: Frames, state: Ownership, p: int, near: NDArray[np.bool_]
+) -> tuple[IntArray, Array, IntArray, Array]:
+    """The points (n,) near body p that its motion explains, their misfits, layers and normals in their frames."""
+    rows = np.flatnonzero(near | (state.labels == p))
+    anyone = state.as_if(p, rows)
+    fits = own_misfits(anyone, frames.noise)
+    kept = np.flatnonzero((fits < FITS) | (state.labels[rows] == p))
+    layer, planes = plane_layers(anyone.z[kept])
+    return rows[kept], fits[kept], layer, rotate(anyone.T[anyone.frame[kept]], planes)

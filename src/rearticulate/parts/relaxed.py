@@ -78,13 +78,6 @@ def merge_pair(frames: Frames, model: Relaxed, a: int, b: int, counts: Array | I
     return keep_parts(frames, Relaxed(model.T, labels), np.delete(np.arange(model.n_parts), lose))
 
 
-def drop_small(frames: Frames, model: Relaxed, minimum: float) -> Relaxed:
-    """Dissolve parts with fewer than `minimum` points a frame (the largest part always stays)."""
-    counts = model.counts()
-    keep = np.flatnonzero((counts >= minimum) | (np.arange(model.n_parts) == counts.argmax()))
-    return model if len(keep) == model.n_parts else keep_parts(frames, model, keep)
-
-
 def largest_parts(frames: Frames, model: Relaxed, count: int) -> Relaxed:
     """At most so many parts: the smaller ones are dissolved."""
     if model.n_parts <= count:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,11 +20,12 @@ from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import surface_noise
 from rearticulate.observe.misfit import point_misfit
 from rearticulate.parts.bodies import labels_of, make_bodies, score_of, to_relaxed, without_crumbs
-from rearticulate.parts.labels import Labeller
 from rearticulate.parts.ownership import exchange, relabel
 from rearticulate.parts.relaxed import Relaxed
+from rearticulate.parts.sheets import sheet_thickness
 from rearticulate.progress import Told, steps, untold
 from rearticulate.search.explain import explain
+from rearticulate.search.moves.combine import combine_bodies
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -41,7 +42,7 @@ def articulate(
     frames: Frames,
     canonical: int,
     relaxed: Relaxed,
-    labeller: Labeller,
+    others: Sequence[Relaxed],
     config: FitConfig,
     rng: np.random.Generator,
     progress: Callable[[str, float], None],
@@ -52,9 +53,16 @@ def articulate(
 
     Returns the model and the labels (M,) of all points.
     """
-    thickness = labeller.with_noise(surface_noise(frames, canonical, relaxed.T, relaxed.labels)).thickness
+    thickness = sheet_thickness(surface_noise(frames, canonical, relaxed.T, relaxed.labels))
     first, *tries, last = steps(lambda done: progress("articulate", done), HYPOTHESES + 2)
-    start = project(frames, canonical, relaxed, config, rng, first)
+    combined, projected = steps(first, 2)
+    if others and relaxed.found <= config.max_parts:
+        start = make_bodies(frames, relaxed.T, relaxed.labels)
+        bodies = combine_bodies(frames, canonical, start, others)
+        if bodies is not start:
+            bodies = explain(frames, canonical, bodies, config, TURNS, combined)[0]
+            relaxed = to_relaxed(bodies, len(relaxed.labels))
+    start = project(frames, canonical, relaxed, config, rng, projected)
     best, lowest = None, np.inf
     only_one = relaxed.found > config.max_parts or not config.uses("second look")
     for one_try in tries[:1] if only_one else tries:
@@ -88,7 +96,7 @@ def own_labels(frames: Frames, tree: Articulated, labels: IntArray, config: FitC
     points, layers = steps(told, 2)
     bodies = relabel(frames, make_bodies(frames, tree.forward(), labels), told=points)
     if config.uses("exchange"):
-        bodies = exchange(frames, bodies, layers)
+        bodies = exchange(frames, bodies, told=layers)
     return labels_of(bodies, len(labels))
 
 

@@ -13,32 +13,33 @@ from rearticulate.search.moves.merge import merge_bodies
 from rearticulate.search.moves.split import split_bodies
 from rearticulate.search.moves.sweep import sweep_bodies
 
-TURNS = 5  # at most
+TURNS = 4  # at most
 ROUGH, FINE = (0.4,), (0.3,)  # robust scales of registrations, in spacings
-WORTH = 1e-3  # share of the score that a turn must bring if there is to be another one
+WORTH = 2e-3  # share of the score that a turn must bring if there is to be another one
 
 
 def explain(
     frames: Frames, canonical: int, bodies: Bodies, config: FitConfig, turns: int = TURNS, told: Told = untold
 ) -> tuple[Bodies, float]:
     """The bodies of the lowest score after so many turns at most, and the score."""
-    best, lowest = bodies, np.inf
+    best, lowest, tried = bodies, np.inf, ()
     for each in steps(told, turns):
-        points, layers, motions, merges, splits = steps(each, 5)
+        points, layers, merges = steps(each, 3)
         bodies = relabel(frames, settled(frames, canonical, bodies, ROUGH + FINE), told=points)
         if config.uses("exchange"):
-            bodies = exchange(frames, bodies, layers)
+            bodies = exchange(frames, bodies, tried, layers)
         bodies = settled(frames, canonical, without_crumbs(frames, bodies), FINE)
         if config.uses("sweep"):
-            bodies = sweep_bodies(frames, canonical, bodies, motions)
-        bodies = merge_bodies(frames, canonical, bodies, merges)
+            bodies = sweep_bodies(frames, canonical, bodies, tried)
+        bodies = merge_bodies(frames, canonical, bodies, tried, merges)
         new = score(frames, bodies)
         gain = lowest - new
         if gain > 0:
             best, lowest = bodies, new
-        before = len(bodies)
+        before = bodies
         if config.uses("split"):
-            bodies = split_bodies(frames, canonical, bodies, splits)
-        if gain < WORTH * new and len(bodies) == before:
+            bodies = split_bodies(frames, canonical, bodies, tried)
+        tried = before
+        if gain < WORTH * new and len(bodies) == len(before):
             break
     return best, lowest

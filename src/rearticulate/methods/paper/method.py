@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from rearticulate.joints.deviation import centred, merge_still, project_deviation
@@ -10,7 +12,7 @@ from rearticulate.joints.tree import choose_root
 from rearticulate.methods.direct import relax_direct
 from rearticulate.methods.paper.refine import refine
 from rearticulate.methods.paper.relax import relax_neural
-from rearticulate.methods.problem import Candidate, Problem
+from rearticulate.methods.problem import Candidate, Problem, Start
 from rearticulate.parts.relaxed import Relaxed, spread_labels
 
 
@@ -23,9 +25,10 @@ def relax_paper(problem: Problem, rng: np.random.Generator) -> Relaxed:
     )
 
 
-def articulate_paper(problem: Problem, relaxed: Relaxed, rng: np.random.Generator) -> Candidate:
+def articulate_paper(problem: Problem, starts: Sequence[Start], rng: np.random.Generator) -> Candidate:
     """The tree by the paper's rules. What canonical frames are chosen by is E_project + E_group."""
     frames, canonical, config, progress = problem.frames, problem.canonical, problem.config, problem.progress
+    relaxed = starts[0].relaxed
     progress("project", 0.0)
     model = merge_still(frames, canonical, relaxed, config.deviation, lambda done: progress("project", 0.5 * done))
     progress("project", 0.5)

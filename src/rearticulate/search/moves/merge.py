@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from rearticulate.observe.body import Body, join, make_body, own_misfits, register
 from rearticulate.observe.frames import Frames
-from rearticulate.parts.bodies import Bodies, border_between, labels_of, own_normals, price
+from rearticulate.parallel import each
+from rearticulate.parts.bodies import Bodies, border_between, fresh, labels_of, own_normals, price
 from rearticulate.parts.cuts import Borders, sheet_borders
 from rearticulate.parts.ownership import candidates_near
 from rearticulate.progress import Told, rounds, untold
@@ -83,15 +84,17 @@ def touching(frames: Frames, bodies: Bodies) -> NDArray[np.bool_]:
     return (out | out.T) & ~np.eye(P, dtype=bool)
 
 
-def merge_bodies(frames: Frames, canonical: int, bodies: Bodies, told: Told = untold) -> Bodies:
-    """Merge while the score falls, the pair that lowers it most first."""
+def merge_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies = (), told: Told = untold) -> Bodies:
+    """Merge while the score falls, the pair that lowers it most first; one of the two was not tried."""
+    new = fresh(bodies, tried)
     borders = sheet_borders(frames, own_normals(bodies, len(frames.points)))
     numbered = dict(enumerate(bodies))
-    misfit = {p: own_misfits(body, frames.noise) for p, body in numbered.items()}
-    state = _Merging(frames, canonical, borders, numbered, misfit, {}, touching(frames, bodies))
+    misfit = dict(enumerate(each(lambda body: own_misfits(body, frames.noise), bodies)))
+    pairs = touching(frames, bodies) & np.logical_or.outer(new, new)
+    state = _Merging(frames, canonical, borders, numbered, misfit, {}, pairs)
     for _ in rounds(told):
-        for a, b in list(state.untested()):
-            state.pair[a, b] = state.test(a, b)
+        pairs = list(state.untested())
+        state.pair.update(zip(pairs, each(lambda pair: state.test(*pair), pairs), strict=True))
         growth, best = min(((found[0], e) for e, found in state.pair.items()), default=(np.inf, (0, 0)))
         if growth >= price(frames):
             break

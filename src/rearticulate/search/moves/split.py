@@ -12,9 +12,9 @@ from rearticulate.geometry.se3 import transform
 from rearticulate.observe.body import Body, make_body, misfits, own_misfits, register
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.register import Schedule, fit_cost, register_bodies
-from rearticulate.parts.bodies import Bodies, own_normals, price
+from rearticulate.parallel import each
+from rearticulate.parts.bodies import Bodies, fresh, own_normals, price
 from rearticulate.parts.cuts import Borders, expand, sheet_borders
-from rearticulate.progress import Told, steps, untold
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -34,16 +34,21 @@ APART, SCALES = (0.8, 0.3), (0.4,)  # robust scales of registrations of componen
 SETTLED = 5e-3
 
 
-def split_bodies(frames: Frames, canonical: int, bodies: Bodies, told: Told = untold) -> Bodies:
-    """Every body that pays as two is two."""
-    borders, out = sheet_borders(frames, own_normals(bodies, len(frames.points))), []
-    for body, each in zip(bodies, steps(told, len(bodies)), strict=True):
-        each(0.0)
+def split_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies = ()) -> Bodies:
+    """Every body that was not tried and pays as two is two."""
+    new = fresh(bodies, tried)
+    borders = sheet_borders(frames, own_normals(bodies, len(frames.points)))
+
+    def ways(p: int) -> tuple[Body, ...]:
+        body = bodies[p]
+        if not new[p]:
+            return (body,)
         options = [by_components(frames, canonical, body), *by_regions(frames, canonical, body, borders)]
         cost, first, second = min(options, key=lambda two: two[0])
         gain = float(own_misfits(body, frames.noise).sum()) - cost
-        out += [first, second] if gain > price(frames) else [body]
-    return tuple(out)
+        return (first, second) if gain > price(frames) else (body,)
+
+    return tuple(part for parts in each(ways, range(len(bodies))) for part in parts)
 
 
 def nothing(body: Body) -> Two:

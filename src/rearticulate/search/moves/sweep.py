@@ -12,8 +12,8 @@ from rearticulate.geometry.nearest import rms_radius
 from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, rotate, transform
 from rearticulate.observe.body import Body, pair_equations, partners, register
 from rearticulate.observe.frames import Frames
-from rearticulate.parts.bodies import Bodies
-from rearticulate.progress import Told, steps, untold
+from rearticulate.parallel import each
+from rearticulate.parts.bodies import Bodies, fresh
 
 Array = NDArray[np.floating]
 
@@ -26,13 +26,10 @@ SIGMA = 0.5
 LEAST = 8
 
 
-def sweep_bodies(frames: Frames, canonical: int, bodies: Bodies, told: Told = untold) -> Bodies:
-    """All bodies, swept where they may be."""
-    out = []
-    for body, each in zip(bodies, steps(told, len(bodies)), strict=True):
-        each(0.0)
-        out.append(sweep(frames, canonical, body))
-    return tuple(out)
+def sweep_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies = ()) -> Bodies:
+    """All bodies, those that were not tried swept where they may be."""
+    new = fresh(bodies, tried)
+    return tuple(each(lambda p: sweep(frames, canonical, bodies[p]) if new[p] else bodies[p], range(len(bodies))))
 
 
 def weak_directions(H: Array, z: Array) -> Array:

@@ -1,8 +1,6 @@
-"""Labels: the mean field against plain numpy, plane cuts by hand, and the evidence of sheets."""
+"""Sheets of points, their noise, parts near a point, and plane cuts by hand."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,57 +11,7 @@ from rearticulate.joints.seams import best_cut
 from rearticulate.observe.frames import make_frames
 from rearticulate.observe.fused import surface_noise
 from rearticulate.observe.misfit import evidence_frames
-from rearticulate.parts.labels import (
-    IMPOSSIBLE,
-    SHEET_THICKNESS,
-    Graph,
-    Labeller,
-    mean_field,
-    nearest_evidence,
-    part_distances,
-    sheet_evidence,
-    spatial_graph,
-)
-
-
-def plain_mean_field(unary, neighbour, weight, iterations):
-    def softmax(z):
-        e = np.exp(z - z.max(axis=1, keepdims=True))
-        return e / e.sum(axis=1, keepdims=True)
-
-    q = softmax(-np.minimum(unary - unary.min(axis=1, keepdims=True), 50.0))
-    for _ in range(iterations):
-        message = (weight[:, :, None] * q[neighbour]).sum(axis=1)
-        q = 0.5 * q + 0.5 * softmax(message - unary)
-    return q
-
-
-@pytest.mark.parametrize("iterations", [1, 2, 7, 20])
-def test_mean_field_equals_plain_numpy(iterations):
-    rng = np.random.default_rng(0)
-    unary = rng.uniform(0, 3, (40, 4))
-    neighbour, weight = rng.integers(0, 40, (40, 6)), rng.uniform(0, 1, (40, 6))
-    weight[rng.random((40, 6)) < 0.2] = 0.0
-    found = mean_field(unary, Graph(neighbour, weight), iterations)
-    np.testing.assert_allclose(found, plain_mean_field(unary, neighbour, weight, iterations), atol=1e-5)
-
-
-def test_neighbours_outvote_a_weak_opinion_but_not_an_impossibility():
-    unary = np.tile([0.0, 1.0], (5, 1))
-    unary[0] = [0.4, 0.0]  # prefers part 1, all its neighbours prefer part 0
-    star = Graph(np.array([[1, 2, 3, 4], [0] * 4, [0] * 4, [0] * 4, [0] * 4]), np.full((5, 4), 0.5))
-    assert (mean_field(unary, star).argmax(axis=1) == 0).all()
-    unary[0] = [IMPOSSIBLE, 0.0]
-    found = mean_field(unary, star)
-    assert found[0].argmax() == 1
-    assert found[0, 0] < 1e-6
-
-
-def test_joined_graphs_have_the_neighbours_of_both():
-    a, b = Graph(np.array([[1], [0]]), np.ones((2, 1))), Graph(np.array([[0, 1], [1, 0]]), np.full((2, 2), 3.0))
-    both = a.join(b, 0.5)
-    np.testing.assert_array_equal(both.neighbour, [[1, 0, 1], [0, 1, 0]])
-    np.testing.assert_array_equal(both.weight, [[1, 1.5, 1.5], [1, 1.5, 1.5]])
+from rearticulate.parts.sheets import IMPOSSIBLE, part_distances, sheet_evidence, sheet_thickness
 
 
 @pytest.mark.parametrize("F, limit, expected", [(3, 12, [0, 1, 2]), (9, 3, [0, 4, 8]), (1, 5, [0])])
@@ -138,7 +86,7 @@ def test_the_test_motions_bring_every_point_back_to_one_plate():
 def test_sheets_prefer_the_true_motion():
     frames, T, labels = two_plates()
     everywhere = np.ones((len(labels), 2), bool)
-    U = sheet_evidence(frames, T, everywhere, None)
+    U = sheet_evidence(frames, T, everywhere)
     z = transform(inverse(T)[frames.frame, labels], frames.points)
     hinge = (20 - frames.centre[0]) / frames.unit
     away = (np.abs(z[:, 0] - hinge) > 8) & (frames.frame > 0)
@@ -146,36 +94,13 @@ def test_sheets_prefer_the_true_motion():
     assert agreement(U[:, ::-1], labels, away) < 0.05
 
 
-def test_nearest_points_prefer_the_true_motion_far_from_the_hinge():
-    frames, T, labels = two_plates()
-    everywhere = np.ones((len(labels), 2), bool)
-    U = nearest_evidence(frames, T, everywhere, evidence_frames(6, 12))
-    z = transform(inverse(T)[frames.frame, labels], frames.points)
-    assert agreement(U, labels, np.abs(z[:, 0] - (20 - frames.centre[0]) / frames.unit) > 10) > 0.95
-
-
-@pytest.mark.parametrize("evidence", ["sheet", "nearest"])
-def test_what_is_no_candidate_is_impossible(evidence):
+def test_what_is_no_candidate_is_impossible():
     frames, T, labels = two_plates(n=150, frames=3)
     candidates = np.ones((len(labels), 2), bool)
     candidates[::3, 1] = False
-    if evidence == "sheet":
-        U = sheet_evidence(frames, T, candidates, None)
-    else:
-        U = nearest_evidence(frames, T, candidates, evidence_frames(3, 12))
+    U = sheet_evidence(frames, T, candidates)
     np.testing.assert_array_equal(U == IMPOSSIBLE, ~candidates)
     np.testing.assert_array_equal(U[::3, 0], 0.0)  # nobody asks a point that has no choice
-
-
-def test_disbelief_in_the_neighbours_weakens_a_sheet():
-    frames, T, labels = two_plates(n=300, frames=4)
-    everywhere = np.ones((len(labels), 2), bool)
-    plain = sheet_evidence(frames, T, everywhere, None)
-    sure = sheet_evidence(frames, T, everywhere, np.ones_like(plain))
-    half = sheet_evidence(frames, T, everywhere, np.zeros_like(plain))
-    np.testing.assert_allclose(sure, plain)
-    np.testing.assert_allclose(half, plain / 2)
-    assert plain.min() < -1
 
 
 def test_candidates_are_the_parts_within_the_radius():
@@ -190,25 +115,9 @@ def test_candidates_are_the_parts_within_the_radius():
     assert np.isinf(distance[:, 2]).all()
 
 
-def test_two_close_sheets_are_no_neighbours():
-    rng = np.random.default_rng(2)
-    low = np.column_stack([rng.uniform(0, 25, (600, 2)), np.zeros(600)])
-    frames = make_frames([np.concatenate([low, low + np.array([0.3, 0.2, 2.5])])])
-    frames = replace(frames, normals=np.tile([0.0, 0, 1], (1200, 1)))  # at this distance estimated normals mix both
-    upper = frames.points[:, 2] > 0
-    graph = spatial_graph(frames, scale=1.87, offset_scale=0.4)
-    across = upper[graph.neighbour] != upper[:, None]
-    assert across.any()
-    assert graph.weight[across].max() < 1e-3
-    assert np.median(graph.weight[~across]) > 0.05
-
-
 @pytest.mark.parametrize(("noise", "expected"), [(0.0, 0.093), (0.25, 0.093), (0.35, np.sqrt(0.093**2 + 0.06))])
 def test_sheets_are_thicker_by_the_noise(noise, expected):
-    frames, _, _ = two_plates(n=150, frames=3)
-    labeller = Labeller(frames)
-    assert labeller.with_noise(noise).thickness == pytest.approx(expected)
-    assert labeller.thickness == SHEET_THICKNESS  # the first one stays as it is
+    assert sheet_thickness(noise) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05, 0.1])
