@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from oracle import perfect_fit
-from rearticulate.bench import capture_page, everyday_page, mechanisms_page, stability_page
+from rearticulate.bench import capture_page, everyday_page, mechanisms_page, robustness_page, stability_page
 from rearticulate.bench.cases import (
     BROKEN,
     BUNDLED,
@@ -43,7 +43,9 @@ def perfect_answer(case, folder):
 
 def test_the_cases_are_all_different_and_found_by_name():
     names = [job.case.name for job in JOBS]
-    assert len(names) == len(set(names)) == 16 + 8 + 4 * len(PERTURBATIONS)
+    assert len(names) == len(set(names)) == 16 + 8
+    perturbed = [job.case.name for job in robustness_page.JOBS]
+    assert len(perturbed) == len(set(perturbed)) == 4 * (1 + len(PERTURBATIONS))
     assert find_case("nao/noise_1mm") == Case("nao", "noise_1mm")
 
 
@@ -103,7 +105,7 @@ def test_the_report_shows_what_there_is():
     answers = {"direct/nao": some_answer(0.1), "direct/nao/noise_1mm": some_answer(0.25)}
     text = report({"seed": "0"}, answers)
     assert "**Without a result:** kinova, ur5" in text
-    assert "| nao | noise_1mm | 0.250 | 2.50 |" in text
+    assert "| nao | noise_1mm | 0.250 | 2.50 |" in robustness_page.report({"seed": "0"}, answers)
     assert "| nao | 1.5 | 2.0 |" in text
     assert "mean of all 16" not in text
     assert (
@@ -261,7 +263,7 @@ def test_pages_and_jobs_are_found_by_name():
     assert choose(jobs, frozenset({"nao/noise_1mm"})) == jobs[1:2]
     with pytest.raises(InputError, match="called none"):
         choose(jobs, frozenset({"none"}))
-    with pytest.raises(InputError, match="no table 'x'; there are results, everyday"):
+    with pytest.raises(InputError, match="no table 'x'; there are results, robustness, everyday"):
         find_page("x")
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from dataclasses import replace
 from importlib import import_module
 from typing import Any
 
@@ -18,7 +20,6 @@ from rearticulate.synth.articulated import record
 HOME = {  # the function that a mechanism is, in the module that calls it
     "network": "parts.matched_starts.MatchedStarts.possible",
     "pose repair": "search.relax.repair_poses",
-    "part at rest": "search.relax.part_at_rest",
     "small middles": "joints.project._replace_small_middles",
     "hidden links": "joints.project.hidden_links",
     "joint repair": "search.articulate.repair_joints",
@@ -27,6 +28,7 @@ HOME = {  # the function that a mechanism is, in the module that calls it
     "exchange": "search.explain.exchange",
     "sweep": "search.explain.sweep_bodies",
     "split": "search.explain.split_bodies",
+    "other starts": "search.articulate.combine_bodies",
     "seams": "search.articulate.cut_seams",
     "incomplete frames": "search.incomplete.between",
 }
@@ -50,7 +52,8 @@ def watched(function: Callable[..., Any], mechanism: str, seen: set[str]) -> Cal
 
 @pytest.fixture
 def used(monkeypatch: pytest.MonkeyPatch) -> set[str]:
-    """The mechanisms that were at work."""
+    """The mechanisms that were at work, all of them in this process."""
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)
     seen: set[str] = set()
     for mechanism, path in HOME.items():
         parts = path.split(".")
@@ -64,7 +67,7 @@ def used(monkeypatch: pytest.MonkeyPatch) -> set[str]:
 @pytest.mark.parametrize("mechanism", [None, *MECHANISMS])
 def test_one_mechanism_is_left_out(mechanism: str | None, lamp: PointSequence, used: set[str]) -> None:
     config = FitConfig() if mechanism is None else variant(f"without {mechanism}")
-    fit(lamp, config, canonical=2)
+    fit(lamp, replace(config, canonical_tries=2))
     assert used == set(MECHANISMS) - {mechanism}
 
 

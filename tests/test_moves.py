@@ -13,7 +13,9 @@ from rearticulate.geometry.se3 import exp_se3, inverse, to_unit, transform
 from rearticulate.observe.frames import Frames, make_frames
 from rearticulate.parts.bodies import Bodies, labels_of, make_bodies, poses, score, settled, without_crumbs
 from rearticulate.parts.ownership import exchange, relabel
+from rearticulate.parts.relaxed import Relaxed
 from rearticulate.search.explain import explain
+from rearticulate.search.moves.combine import combine_bodies
 from rearticulate.search.moves.merge import merge_bodies
 from rearticulate.search.moves.split import split_bodies
 from rearticulate.search.moves.sweep import sweep_bodies
@@ -76,6 +78,18 @@ def test_two_parts_in_one_body_are_split_and_parts_are_not(hinge: Case) -> None:
     found, lowest = explain(frames, 2, one, FitConfig())
     assert agreement(slow, found) > 0.93 and lowest < 1.1 * score(frames, bodies_of(slow))
     assert len(split_bodies(hinge[0], 2, bodies_of(hinge))) == 2
+
+
+def test_a_part_that_another_start_found_is_taken_over_and_a_worse_one_is_not(cabinet: Case) -> None:
+    frames, T, labels = cabinet
+    right = bodies_of(cabinet)
+    less = make_bodies(frames, T[:, :-1], np.where(labels == T.shape[1] - 1, 0, labels))
+    other = Relaxed(T @ inverse(T[4])[None], labels)  # from another canonical frame
+    found = combine_bodies(frames, 2, less, [other])
+    assert agreement(cabinet, found) == 1 and score(frames, found) < score(frames, less)
+    np.testing.assert_allclose(poses(found)[2], np.tile(np.eye(4), (T.shape[1], 1, 1)), atol=1e-9)
+    assert combine_bodies(frames, 2, right, [other]) is right
+    assert len(combine_bodies(frames, 2, right, [Relaxed(T[:, :1], np.zeros_like(labels))])) == T.shape[1]
 
 
 def bar(slides: np.ndarray) -> tuple[Frames, np.ndarray]:

@@ -25,6 +25,7 @@ Mechanism = Literal[
     "exchange",  # whole layers go to one body
     "sweep",  # poses along the directions of which the points say little
     "split",  # a body becomes two
+    "other starts",  # bodies that other starts found, beside those of the best one
     "seams",  # plane borders across the axes of hinges
     "incomplete frames",  # frames that show only a part of the object take no part in finding the structure
 ]

@@ -14,6 +14,7 @@ from rearticulate.bench import (
     paper_pages,
     phantoms_page,
     results_page,
+    robustness_page,
     stability_page,
     use_page,
 )
@@ -38,6 +39,7 @@ def _loops(stamp: dict[str, str], answers: dict[str, Answer]) -> str:
 
 PAGES = {
     "results": Page(results_page.JOBS, results_page.report),
+    "robustness": Page(robustness_page.JOBS, robustness_page.report),
     "everyday": Page(everyday_page.JOBS, everyday_page.report),
     "capture": Page(capture_page.JOBS, capture_page.report),
     "stability": Page(stability_page.JOBS, stability_page.report),

@@ -1,32 +1,28 @@
-"""The page of one preset: every object, the perturbed ones, seconds by stage."""
+"""The page of one preset: every object, seconds by stage."""
 
 from __future__ import annotations
 
 from statistics import mean
 
-from rearticulate.bench.cases import HOUSEHOLD, PAPER_TEST, PERTURBATIONS, ROBOTS, ROBUSTNESS, Case
+from rearticulate.bench.cases import HOUSEHOLD, PAPER_TEST, ROBOTS, Case
 from rearticulate.bench.columns import COLUMNS, mean_metrics, number_cell
 from rearticulate.bench.markdown import head, seconds_cell, table
 from rearticulate.bench.published import TEST_ROBOTS
 from rearticulate.bench.runner import Answer, Job
-from rearticulate.bench.seen import ENOUGH
 
 ELSEWHERE = {"seen_share", "seen_recon_cm", "tree_and_types", "tree_edit_distance_best_root", "true_edges_share"}
 NOT_FOR_ROBOTS = {"flow_acc_5cm", "flow_acc_10cm"} | ELSEWHERE
 NOT_FOR_HOUSEHOLD = {"flow_acc_5mm", "flow_acc_10mm"} | ELSEWHERE
 PRESET = "direct"
 PLAIN = [Case(name) for name in (*ROBOTS, *HOUSEHOLD)]
-ROBUST = [Case(name, change) for name in ROBUSTNESS for change in ("", *PERTURBATIONS)]
-JOBS = [Job(case, PRESET) for case in dict.fromkeys([*PLAIN, *ROBUST])]
+JOBS = [Job(case, PRESET) for case in PLAIN]
 TEXT = (
     "Robots: 10 frames of 4096 points; household objects: 4 frames of 4096 points, the root moves. One default "
     "configuration for all. Exact: share of the objects with the true parts, tree and joint types (under the best root "
     "where the root moves). Joint columns: share of the true joints found with the right type; *sure*: those that the "
     "fit calls determined as well, and how many joints it calls so that do not exist; median error of the axes that it "
     "calls determined, position in percent of the object's diagonal; axis z: root mean square of their errors over the "
-    "deviations that the fit tells, 1 where these are honest; in the rows of means over all joints. Seen: share of the "
-    f"canonical points, over all frames, whose part shows {ENOUGH} points in both frames; what a frame does not show "
-    "of a part cannot be known there."
+    "deviations that the fit tells, 1 where these are honest; in the rows of means over all joints."
 )
 
 
@@ -40,8 +36,6 @@ def report(stamp: dict[str, str], by_job: dict[str, Answer]) -> str:
         robots(answers),
         "## Household objects",
         household(answers),
-        "## Robustness",
-        robustness(answers),
         "## Seconds by stage",
         seconds(answers),
     ]
@@ -53,7 +47,7 @@ def report(stamp: dict[str, str], by_job: dict[str, Answer]) -> str:
 
 def robots(answers: dict[str, Answer]) -> str:
     keys = [key for key in COLUMNS if key not in NOT_FOR_ROBOTS]
-    rows = [_object_row(name, answers[name], keys) for name in ROBOTS if name in answers]
+    rows = [object_row(name, answers[name], keys) for name in ROBOTS if name in answers]
     rows += _mean_row("mean of the paper's 10 test robots", PAPER_TEST, answers, keys)
     published = [number_cell(TEST_ROBOTS.get(key), key) for key in keys]
     rows.append(["published, the paper's sequences", *published, *4 * ["-"]])
@@ -63,26 +57,9 @@ def robots(answers: dict[str, Answer]) -> str:
 
 def household(answers: dict[str, Answer]) -> str:
     keys = [key for key in COLUMNS if key not in NOT_FOR_HOUSEHOLD]
-    rows = [_object_row(name, answers[name], keys) for name in HOUSEHOLD if name in answers]
+    rows = [object_row(name, answers[name], keys) for name in HOUSEHOLD if name in answers]
     rows += _mean_row("mean of all 8", HOUSEHOLD, answers, keys)
     return table(["object", *(COLUMNS[key][0] for key in keys), "parts", "true", "s", "MB"], rows)
-
-
-def robustness(answers: dict[str, Answer]) -> str:
-    """Each perturbation beside the clean run of the same object."""
-    keys = ["recon_cm", "flow_epe_cm", "rand_index", "tree_edit_distance", "reanimate_cm", "joint_type_share"]
-    keys += ["seen_share", "seen_recon_cm"]
-    rows = []
-    for name in ROBUSTNESS:
-        clean = answers.get(name, {}).get("metrics", {}).get("recon_cm")
-        for change in ("", *PERTURBATIONS):
-            answer = answers.get(f"{name}/{change}" if change else name)
-            if answer:
-                ratio = answer["metrics"]["recon_cm"] / clean if clean else None
-                row = _object_row(change or "clean", answer, keys)
-                rows.append([name, *row[:2], "-" if ratio is None else f"{ratio:.2f}", *row[2:]])
-    heads = [COLUMNS[key][0] for key in keys]
-    return table(["object", "change", heads[0], "ratio to clean", *heads[1:], "parts", "true", "s", "MB"], rows)
 
 
 def seconds(answers: dict[str, Answer]) -> str:
@@ -107,7 +84,7 @@ def _mean_row(label: str, names: tuple[str, ...], answers: dict[str, Answer], ke
     return [[f"**{label}**", *cells, *ends, time, "-"]]
 
 
-def _object_row(label: str, answer: Answer, keys: list[str]) -> list[str]:
+def object_row(label: str, answer: Answer, keys: list[str]) -> list[str]:
     metrics = answer["metrics"]
     cells = [number_cell(metrics.get(key), key) for key in keys]
     parts = [f"{metrics['parts']:.0f}", f"{metrics['parts_true']:.0f}"]

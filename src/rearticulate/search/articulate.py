@@ -56,7 +56,7 @@ def articulate(
     thickness = sheet_thickness(surface_noise(frames, canonical, relaxed.T, relaxed.labels))
     first, *tries, last = steps(lambda done: progress("articulate", done), HYPOTHESES + 2)
     combined, projected = steps(first, 2)
-    if others and relaxed.found <= config.max_parts:
+    if others and relaxed.found <= config.max_parts and config.uses("other starts"):
         start = make_bodies(frames, relaxed.T, relaxed.labels)
         bodies = combine_bodies(frames, canonical, start, others)
         if bodies is not start:
