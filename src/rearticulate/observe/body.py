@@ -2,9 +2,9 @@
 which they agree best.
 
 Whether points belong to one body that moves so is asked of these points alone: each must find points of the body in
-the other frames where it lands. Half of the misfit is minus a log-likelihood: of the distance from the plane of the
-nearest of these points, with the noise of the surface, and of the distance within the plane, since a frame is a fresh
-draw of points of known density. Where no point of the body is near, another body's points lie there, or none, and the
+the other frames where it lands. Half of the misfit is minus a log-likelihood: of the distance from the plane of one of
+these points, with the noise of the surface, and of the distance within the plane, since a frame is a fresh draw of
+points of known density; of all points near it counts the one that fits best. Where no point of the body is near, another body's points lie there, or none, and the
 frame denies it. All lengths are in spacings.
 """
 
@@ -30,7 +30,6 @@ IntArray = NDArray[np.integer]
 
 EVIDENCE_FRAMES = 6  # that a point is looked for in, at most
 REACH = 3.0  # within it a frame has a point of the same surface
-NEAREST = 4  # points of the body in a frame that may confirm a point
 WITHIN = 0.7  # per squared spacing: half of what the nearest of fresh points in the plane costs, 2 pi density
 DENIED = 9.0  # misfit of a point that a frame does not confirm
 NONE, HERE = -1, -2  # instead of a partner: the frame has none, or is the point's own
@@ -99,49 +98,29 @@ def make_body(frames: Frames, rows: IntArray, T: Array) -> Body:
 
 
 @numba.njit(cache=True, nogil=True)
-def _nearest_of_frames(p, own, start, low, size, shape, cloud, target, reach, near, square, count):
-    """The nearest points, by row in near (G, K), of each target frame but the own, in the cells around a point p."""
-    K = near.shape[1]
-    count[:] = 0
-    x, y, u = int((p[0] - low[0]) // size), int((p[1] - low[1]) // size), int((p[2] - low[2]) // size)
-    first, last = max(u - 1, 0), min(u + 2, shape[2])
-    for a in range(max(x - 1, 0), min(x + 2, shape[0])):
-        for b in range(max(y - 1, 0), min(y + 2, shape[1])):
-            base = (a * shape[1] + b) * shape[2]
-            for j in range(start[base + first] if first < last else 0, start[base + last] if first < last else 0):
-                g = target[j]
-                d = (p[0] - cloud[j, 0]) ** 2 + (p[1] - cloud[j, 1]) ** 2 + (p[2] - cloud[j, 2]) ** 2
-                full = count[g] == K
-                if g == own or d > reach * reach or (full and d >= square[g, K - 1]):
-                    continue
-                k = K - 1 if full else count[g]
-                count[g] = k + 1
-                while k > 0 and square[g, k - 1] > d:
-                    square[g, k], near[g, k] = square[g, k - 1], near[g, k - 1]
-                    k -= 1
-                square[g, k], near[g, k] = d, j
-
-
-@numba.njit(cache=True, nogil=True)
 def _best_partners(z, own, start, low, size, shape, cloud, normals, target, row, noise, within, reach, misfit, partner):
-    """For each point z, of the nearest points of each target frame but the own, the one that fits best."""
-    G = misfit.shape[1]
-    near, square, count = np.empty((G, NEAREST), np.int64), np.empty((G, NEAREST)), np.empty(G, np.int64)
+    """For each point z, of the points of each target frame but its own in the cells around it, the one that fits
+    best."""
     for i in range(len(z)):
-        _nearest_of_frames(z[i], own[i], start, low, size, shape, cloud, target, reach, near, square, count)
-        for g in range(G):
-            if g == own[i]:
-                misfit[i, g], partner[i, g] = 0.0, HERE
-            best = np.inf
-            for k in range(count[g]):
-                j, across = near[g, k], 0.0
-                for c in range(3):
-                    across += normals[j, c] * (z[i, c] - cloud[j, c])
-                across *= across
-                cost = across / (noise * noise) + within * max(square[g, k] - across, 0.0)
-                if cost < best:
-                    best, partner[i, g] = cost, row[j]
-            misfit[i, g] = min(best, misfit[i, g])
+        if own[i] >= 0:
+            misfit[i, own[i]], partner[i, own[i]] = 0.0, HERE
+        x, y, u = int((z[i, 0] - low[0]) // size), int((z[i, 1] - low[1]) // size), int((z[i, 2] - low[2]) // size)
+        first, last = max(u - 1, 0), min(u + 2, shape[2])
+        if first >= last:
+            continue
+        for a in range(max(x - 1, 0), min(x + 2, shape[0])):
+            for b in range(max(y - 1, 0), min(y + 2, shape[1])):
+                base = (a * shape[1] + b) * shape[2]
+                for j in range(start[base + first], start[base + last]):
+                    g, dx, dy, dz = target[j], z[i, 0] - cloud[j, 0], z[i, 1] - cloud[j, 1], z[i, 2] - cloud[j, 2]
+                    square = dx * dx + dy * dy + dz * dz
+                    if square > reach * reach or within * square >= misfit[i, g]:
+                        continue
+                    across = normals[j, 0] * dx + normals[j, 1] * dy + normals[j, 2] * dz
+                    across *= across
+                    cost = across / (noise * noise) + within * max(square - across, 0.0)
+                    if cost < misfit[i, g]:
+                        misfit[i, g], partner[i, g] = cost, row[j]
 
 
 def partners(
@@ -155,12 +134,12 @@ def partners(
     members = np.flatnonzero(slot[body.frame] >= 0)
     cells = sort_into_cells(body.z[members], REACH)
     row = members[cells.order]
-    misfit, partner = np.full((len(z), len(targets)), DENIED), np.full((len(z), len(targets)), NONE)
+    misfit, partner = np.full((len(z), len(targets)), np.inf), np.full((len(z), len(targets)), NONE)
     _best_partners(
         z, slot[frame], cells.start, cells.low, cells.size, cells.shape, body.z[row], body.normals[row],
         slot[body.frame[row]], row, noise, WITHIN, REACH, misfit, partner,
     )  # fmt: skip
-    return misfit, partner
+    return np.minimum(misfit, DENIED), partner
 
 
 def misfits(z: Array, frame: IntArray, body: Body, noise: float) -> Array:
