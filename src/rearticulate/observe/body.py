@@ -4,8 +4,8 @@ which they agree best.
 Whether points belong to one body that moves so is asked of these points alone: each must find points of the body in
 the other frames where it lands. Half of the misfit is minus a log-likelihood: of the distance from the plane of one of
 these points, with the noise of the surface, and of the distance within the plane, since a frame is a fresh draw of
-points of known density; of all points near it counts the one that fits best. Where no point of the body is near, another body's points lie there, or none, and the
-frame denies it. All lengths are in spacings.
+points of known density; of all points near it counts the one that fits best. Where no point of the body is near,
+another body's points lie there, or none, and the frame denies it. All lengths are in spacings.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ from rearticulate.search.moves.combine import combine_bodies
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
-HYPOTHESES = 2  # of the structure, at most
+HYPOTHESES = 4  # of the structure, at most
 TURNS = 2  # of the search for bodies at a second look
 FIRST_ROUNDS, MORE_ROUNDS = 2, 2  # of labels and motions, at most: from every start, and from the better one
 LAST_ROUNDS = 2  # of labels by own-part evidence and motions by all points

@@ -7,14 +7,13 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from rearticulate.geometry.nearest import farthest_points, nearest, search_tree
-from rearticulate.geometry.se3 import transform
+from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.observe.body import Body, make_body, misfits, own_misfits, register
 from rearticulate.observe.frames import Frames
-from rearticulate.observe.register import Schedule, fit_cost, register_bodies
 from rearticulate.parallel import each
 from rearticulate.parts.bodies import Bodies, fresh, own_normals, price
 from rearticulate.parts.cuts import Borders, expand, sheet_borders
+from rearticulate.search.moves.regions import directions, regions_of, registered, swept
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -24,12 +23,10 @@ LEAST = 6  # points a frame of each of two bodies
 LOOSE = 3.0  # spacings; components are farther apart
 NEIGHBOURS = 8
 COMPONENTS = 6  # tried, at most
-PER_REGION, REGIONS = 50, (4, 14)  # canonical points of a body for each region that is tried, and how many
-SHARE, SIZES = 0.2, (30, 120)  # of a body's canonical points in a region, and how many
 AROUND = 3.0  # spacings; a second body begins with the points that near a region
 PROMISE = 0.1  # fall of a point's misfit in a region under a motion of its own that is worth a try
 TRIES, ROUNDS, INNER = 2, 4, 2
-REGION = Schedule(iterations=8, sigma=1.5, sigma_end=0.3)
+HOPELESS = 4.0  # prices; growth of the score after a round beyond which there are no more
 APART, SCALES = (0.8, 0.3), (0.4,)  # robust scales of registrations of components, and of two that were one
 SETTLED = 5e-3
 
@@ -39,16 +36,19 @@ def split_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies =
     new = fresh(bodies, tried)
     borders = sheet_borders(frames, own_normals(bodies, len(frames.points)))
 
-    def ways(p: int) -> tuple[Body, ...]:
-        body = bodies[p]
-        if not new[p]:
-            return (body,)
-        options = [by_components(frames, canonical, body), *by_regions(frames, canonical, body, borders)]
+    def parts(body: Body, other: Body | None) -> Bodies:
+        """What becomes of one body; what was split may be split again."""
+        options = [by_components(frames, canonical, body), *by_regions(frames, canonical, body, other, borders)]
         cost, first, second = min(options, key=lambda two: two[0])
-        gain = float(own_misfits(body, frames.noise).sum()) - cost
-        return (first, second) if gain > price(frames) else (body,)
+        if float(own_misfits(body, frames.noise).sum()) - cost < price(frames):
+            return (body,)
+        return (*parts(first, second), *parts(second, first))
 
-    return tuple(part for parts in each(ways, range(len(bodies))) for part in parts)
+    def work(p: int) -> Bodies:
+        others = [other for q, other in enumerate(bodies) if q != p]
+        return parts(bodies[p], max(others, key=len, default=None)) if new[p] else (bodies[p],)
+
+    return tuple(part for found in each(work, range(len(bodies))) for part in found)
 
 
 def nothing(body: Body) -> Two:
@@ -78,46 +78,27 @@ def by_components(frames: Frames, canonical: int, body: Body) -> Two:
     return best
 
 
-def by_regions(frames: Frames, canonical: int, body: Body, borders: Borders) -> list[Two]:
-    """Splits that begin with a region that a motion of its own explains better."""
-    here = np.flatnonzero(body.frame == canonical)
-    if len(here) < 2 * SIZES[0]:
-        return []
-    size = int(np.clip(SHARE * len(here), *SIZES))
-    tree = search_tree(body.z[here])
-    seeds = body.z[here][farthest_points(body.z[here], int(np.clip(len(here) / PER_REGION, *REGIONS)))]
-    regions = here[nearest(tree, seeds, k=size)[1]]
-    T, gains = region_motions(frames, canonical, body, regions)
-    out = []
-    for r in np.argsort(-gains, kind="stable")[:TRIES]:
-        if gains[r] < PROMISE:
-            break
-        second = nearest(search_tree(body.z[regions[r]]), body.z, within=AROUND)[0] < AROUND
-        out.append(separate(frames, canonical, body, second, T[r], borders))
+def by_regions(frames: Frames, canonical: int, body: Body, other: Body | None, borders: Borders) -> list[Two]:
+    """Splits that begin with a region that a motion of its own explains better. other: a body that it may move
+    against."""
+    regions = regions_of(body, canonical)
+    tries = registered(frames, canonical, body, regions)
+    tries = sorted((found for found in tries if found.gain > PROMISE), key=lambda found: -found.gain)[:TRIES]
+    if len(regions):
+        for twist, far in directions(canonical, body, other):
+            tries += swept(canonical, body, regions, frames.noise, twist, far, TRIES)
+    now, out = float(own_misfits(body, frames.noise).sum()), []
+    for found in tries:
+        second = nearest(search_tree(body.z[found.rows]), body.z, within=AROUND)[0] < AROUND
+        out.append(separate(frames, canonical, body, second, found.T, borders, now))
     return out
 
 
-def region_motions(frames: Frames, canonical: int, body: Body, regions: IntArray) -> tuple[Array, Array]:
-    """Regions (R, n) of canonical points, each registered to the body's points of every frame: motions (R, F, 4, 4) and
-    by how much the misfit of a point falls (R,)."""
-    R, F = len(regions), frames.n_frames
-    D, gain = np.tile(np.eye(4), (R, F, 1, 1)), np.zeros(R)
-    points, owner = regions.ravel(), np.repeat(np.arange(R), regions.shape[1])
-    x, nx = body.z[points], body.normals[points]
-    for f in range(F):
-        there = np.flatnonzero(body.frame == f)
-        if f == canonical or len(there) < NEIGHBOURS:
-            continue
-        tree, normals = search_tree(body.z[there]), body.normals[there]
-        D[:, f] = register_bodies(tree, normals, x, nx, owner, D[:, f], REGION)
-        y = transform(D[owner, f], x)
-        gain += (fit_cost(tree, normals, x, nx) - fit_cost(tree, normals, y, nx)).reshape(R, -1).mean(axis=1)
-    return body.T @ D, gain / (F - 1)
-
-
-def separate(frames: Frames, canonical: int, body: Body, second: NDArray[np.bool_], T: Array, borders: Borders) -> Two:
+def separate(
+    frames: Frames, canonical: int, body: Body, second: NDArray[np.bool_], T: Array, borders: Borders, now: float
+) -> Two:
     """Two bodies in place of one: the second begins with these points (n,) and the motion T (F, 4, 4); then labels and
-    motions of the two in turn."""
+    motions of the two in turn. now: misfit of the one body; it is given up early what costs far more."""
     number, least = np.full(len(frames.points), -1), LEAST * frames.n_frames
     number[body.rows] = np.arange(len(body))
     i, j = number[borders.i], number[borders.j]
@@ -135,6 +116,9 @@ def separate(frames: Frames, canonical: int, body: Body, second: NDArray[np.bool
                 motions = [each.T for each in two]
             cost = np.stack([misfits(*each.carry(frames, body.rows), each, frames.noise) for each in two], axis=1)
             labels = expand(cost, expand(cost, labels, within, 1), within, 0)
+        value = cost[np.arange(len(labels)), labels].sum() + within.between(labels)
+        if value > now + HOPELESS * price(frames):
+            return nothing(body)
         if np.mean(labels != before) < SETTLED:
             break
     if min(len(labels) - labels.sum(), labels.sum()) < least:
