@@ -1,4 +1,4 @@
-"""Merge: two bodies that touch become one where one motion explains the points of both as well."""
+"""Merge: two bodies that touch, or move alike, become one where one motion explains the points of both as well."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rearticulate.geometry.se3 import transform
 from rearticulate.observe.body import Body, join, make_body, own_misfits, register
 from rearticulate.observe.frames import Frames
 from rearticulate.parallel import each
@@ -20,6 +21,7 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 TOUCH = 4.0  # spacings; bodies that come this near, in any frame
+ALIKE = 2.0  # spacings; ... or whose points would be no farther away, on average, if they moved as the other does
 ASKED = 500  # points of each body that a first look asks
 ROUGH, FINE = (0.8, 0.3), (0.4, 0.3)  # robust scales of the registration of both as one
 HOPELESS = 4.0  # prices; growth of the score at a first look beyond which the pair is not looked at again
@@ -35,12 +37,12 @@ class _Merging:
     body: dict[int, Body]
     misfit: dict[int, Array]
     pair: dict[tuple[int, int], tuple[float, Body]]
-    touching: NDArray[np.bool_]
+    possible: NDArray[np.bool_]
 
     def untested(self) -> Iterator[tuple[int, int]]:
         for a in self.body:
             for b in self.body:
-                if a < b and self.touching[a, b] and (a, b) not in self.pair:
+                if a < b and self.possible[a, b] and (a, b) not in self.pair:
                     yield a, b
 
     def test(self, a: int, b: int) -> tuple[float, Body]:
@@ -67,8 +69,8 @@ class _Merging:
         self.body[a] = self.pair[a, b][1]
         self.misfit[a] = own_misfits(self.body[a], self.frames.noise)
         del self.body[b], self.misfit[b]
-        self.touching[a] |= self.touching[b]
-        self.touching[:, a] |= self.touching[:, b]
+        self.possible[a] |= self.possible[b]
+        self.possible[:, a] |= self.possible[:, b]
         self.pair = {e: found for e, found in self.pair.items() if not {a, b} & set(e)}
 
 
@@ -76,11 +78,16 @@ def _sample(first: int, n: int) -> IntArray:
     return np.arange(first, first + n, max(1, n // ASKED))
 
 
-def touching(frames: Frames, bodies: Bodies) -> NDArray[np.bool_]:
-    """(P, P) which bodies come near each other in any frame."""
+def possible(frames: Frames, bodies: Bodies) -> NDArray[np.bool_]:
+    """(P, P) which bodies come near each other in any frame, or move nearly alike."""
     P, labels = len(bodies), labels_of(bodies, len(frames.points))
     near = candidates_near(frames, labels, P, TOUCH)
     out = np.stack([near[body.rows].any(axis=0) for body in bodies])
+    for a, b in np.argwhere(~out):
+        here, there = (
+            transform(body.T[:, None], bodies[a].z[_sample(0, len(bodies[a]))]) for body in (bodies[a], bodies[b])
+        )
+        out[a, b] = np.linalg.norm(here - there, axis=-1).mean() < ALIKE
     return (out | out.T) & ~np.eye(P, dtype=bool)
 
 
@@ -90,7 +97,7 @@ def merge_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies =
     borders = sheet_borders(frames, own_normals(bodies, len(frames.points)))
     numbered = dict(enumerate(bodies))
     misfit = dict(enumerate(each(lambda body: own_misfits(body, frames.noise), bodies)))
-    pairs = touching(frames, bodies) & np.logical_or.outer(new, new)
+    pairs = possible(frames, bodies) & np.logical_or.outer(new, new)
     state = _Merging(frames, canonical, borders, numbered, misfit, {}, pairs)
     for _ in rounds(told):
         pairs = list(state.untested())
