@@ -39,6 +39,7 @@ POINT_SHARE = 0.02  # of the squared distance of a pair in what is robust in a r
 POINT_WEIGHT = 0.01  # ... and in what it brings together
 MAX_STEP = 0.5
 STAYED = 0.2  # spacings; mean motion of points below which their neighbours, and what was tried, still hold
+STILL = 0.02  # ... their normals
 SAME = 0.97  # share of the points of the larger of two bodies that are alike
 
 
@@ -194,15 +195,21 @@ def register(
 
 
 def renewed(body: Body, before: Body) -> Body:
-    """The body with new normals, among the neighbours of before where it has hardly moved since."""
-    stayed = before.near is not None and np.linalg.norm(body.z - before.z, axis=1).mean() < STAYED
-    near = before.near if stayed else surroundings(body.z)
+    """The body with new normals, among the neighbours of before where it has hardly moved since; not at all, not even
+    new normals."""
+    way = float(np.linalg.norm(body.z - before.z, axis=1).mean()) if len(body) else 0.0
+    if before.near is None or way > STAYED:
+        near = surroundings(body.z)
+    elif way > STILL:
+        near = before.near
+    else:
+        return replace(body, near=before.near)
     return replace(body, normals=plane_layers(body.z, near)[1], near=near)
 
 
-def alike(a: Body, b: Body) -> bool:
+def alike(a: Body, b: Body, share: float = SAME) -> bool:
     """Have the two nearly the same points and the same motion?"""
     common, i, j = np.intersect1d(a.rows, b.rows, assume_unique=True, return_indices=True)
-    if len(common) < SAME * max(len(a), len(b)):
+    if len(common) < share * max(len(a), len(b)):
         return False
     return len(common) == 0 or float(np.linalg.norm(a.z[i] - b.z[j], axis=1).mean()) < STAYED
