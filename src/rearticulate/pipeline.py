@@ -142,8 +142,8 @@ def fingerprint(sequence: PointSequence, config: FitConfig, seed: int) -> str:
     """Names everything a stage record depends on."""
     made_by = [package_version(), code_hash(), dataclasses.asdict(config), seed]
     digest = hashlib.sha256(json.dumps(made_by, sort_keys=True).encode())
-    for points in sequence.points:
-        digest.update(np.ascontiguousarray(points).tobytes())
+    for array in (*sequence.points, *sequence.origins, *sequence.sensor):
+        digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
 
 
