@@ -10,6 +10,7 @@ import pytest
 from clouds import clouds
 from rearticulate.errors import InputError, InputWarning
 from rearticulate.io import check_sequence, load_sequence, save_sequence
+from rearticulate.io.npz import save_arrays
 from rearticulate.records import PointSequence
 
 ORIGINS = np.array([[[0, 0, 5.0], [5, 0, 0]], [[0, 1, 5], [np.nan] * 3], [[np.nan] * 3, [5, 2, 0]]])
@@ -31,9 +32,9 @@ def test_sensors_stay_with_their_points(tmp_path: Path, where: str) -> None:
         for f, cloud in enumerate(points):
             np.save(path / f"frame{f}.npy", cloud)
     else:
-        np.savez(path, points=points, **(sensors() if where == "within" else {}))
+        save_arrays(path, {"points": points, **(sensors() if where == "within" else {})})
     if where != "within":
-        np.savez(tmp_path / "scan.sensor.npz", **sensors())
+        save_arrays(tmp_path / "scan.sensor.npz", sensors())
     with pytest.warns(InputWarning):
         sequence = load_sequence(path, scale=0.1, max_points=120)
     for f, expected in enumerate([0.1 * ORIGINS[0], 0.1 * ORIGINS[1, :1], 0.1 * ORIGINS[2, 1:]]):
@@ -70,7 +71,7 @@ def test_without_them_nothing_is_known(tmp_path: Path) -> None:
 def test_what_does_not_fit_is_refused(tmp_path: Path, wrong: dict[str, np.ndarray | None], said: str) -> None:
     np.savez(tmp_path / "scan.npz", points=clouds())
     arrays = {name: array for name, array in {**sensors(), **wrong}.items() if array is not None}
-    np.savez(tmp_path / "scan.sensor.npz", **arrays)
+    save_arrays(tmp_path / "scan.sensor.npz", arrays)
     line = refusal_of(tmp_path)
     assert said in line and "scan.sensor.npz" in line
 

@@ -27,6 +27,7 @@ Mechanism = Literal[
     "sweep",  # poses along the directions of which the points say little
     "split",  # a body becomes two
     "seams",  # plane borders across the axes of hinges
+    "views",  # what the sensors see of other places, where their origins are known
     "incomplete frames",  # frames that show only a part of the object take no part in finding the structure
 ]
 Mechanisms = Annotated[tuple[Mechanism, ...], Bounds(0)]

@@ -81,7 +81,11 @@ def fit(
     clock("prepare", 0.0)
     rng = np.random.default_rng(seed)
     chosen = [working_rows(len(p), config.working_points, rng) for p in sequence.points]
-    frames = make_frames([p[rows] for p, rows in zip(sequence.points, chosen, strict=True)])
+    frames = make_frames(
+        [p[rows] for p, rows in zip(sequence.points, chosen, strict=True)],
+        origins=sequence.origins if config.uses("views") else (),
+        sensor=[s[rows] for s, rows in zip(sequence.sensor, chosen, strict=False)],
+    )
     known = complete_frames(np.diff(frames.start))
     left_out = canonical is not None and canonical not in known
     if left_out or config.deviation.joints == "ball" or not config.uses("incomplete frames"):
