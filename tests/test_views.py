@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
+from rearticulate.config import FitConfig
 from rearticulate.geometry.se3 import exp_se3, transform
 from rearticulate.observe.frames import Frames, make_frames
 from rearticulate.observe.views import EMPTY, HIDDEN, NEAR, UNKNOWN, Views
+from rearticulate.parts.patches import track_patches
 
 BALL, RADIUS, WALL, HALF = np.array([0.3, 0.0, 1.0]), 0.4, 0.0, 1.5  # a ball above a square wall in z = 0, metres
 ORIGINS = np.array([[0.0, 0.0, 4.0], [2.5, 1.0, 3.5]])
+EYE = np.array([0.0, 0.0, 4.0])
 
 
 def ranges(origin: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -102,3 +105,30 @@ def test_frames_that_are_taken_keep_their_views() -> None:
     for each in fields(Views):
         np.testing.assert_array_equal(getattr(both, each.name), getattr(seen(frames), each.name))
     assert make_frames([frames.points]).views is None
+
+
+def behind_a_screen() -> tuple[Frames, np.ndarray]:
+    """A wavy board slides sideways until half of it is behind a screen; and its motion (3,), spacings."""
+    rng, clouds, step = np.random.default_rng(0), [], np.array([-0.05, 0.0, 0.0])
+    for f in range(5):
+        x = rng.uniform([0.02, -0.25], [0.5, 0.25], (3000, 2))
+        board = np.column_stack([x, 0.05 * np.sin(14 * x[:, 0]) * np.sin(17 * x[:, 1])]) + f * step
+        screen = np.column_stack([rng.uniform([-0.6, -0.5], [0.0, 0.5], (4000, 2)), np.full(4000, 0.2)])
+        at_screen = EYE + 3.8 / (EYE[2] - board[:, 2:]) * (board - EYE)
+        clouds.append(np.concatenate([screen, board[at_screen[:, 0] > 0]]))
+    frames = make_frames(clouds, origins=[EYE[None]] * 5)
+    return frames, 4 * step / frames.unit
+
+
+def test_what_goes_behind_a_screen_follows_what_is_still_seen() -> None:
+    frames, moved = behind_a_screen()
+    x = frames.points[frames.rows(0)]
+    board = x[:, 2] < x[:, 2].mean()
+
+    def error(frames: Frames) -> np.ndarray:
+        tracks = track_patches(frames, 0, FitConfig(without=("network",)))
+        y = transform(tracks.T[4][tracks.patches.owner], x)
+        return np.linalg.norm(y - x - moved, axis=1)[board]
+
+    assert np.quantile(error(frames), 0.9) < 1.5
+    assert np.quantile(error(replace(frames, views=None)), 0.9) > 15
