@@ -35,6 +35,8 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 Progress = Callable[[str, float], None]
 
+COVER = 0.75  # of the best; frames that cover less come last
+
 
 class Clock:
     """Seconds by stage; forwards the progress."""
@@ -98,7 +100,8 @@ def fit(
     solver = Solver(shown, flow, labeller, config, seed, clock, store, fingerprint(sequence, config, seed), device)
     silent = dataclasses.replace(solver, clock=Clock(None))
     place = None if canonical is None else int(np.searchsorted(known, canonical))
-    tried = canonical_frames(np.diff(shown.start), place, config)
+    cover = None if shown.views is None else shown.views.cover(shown.points)
+    tried = canonical_frames(np.diff(shown.start), place, config, cover)
     fits = side_by_side(solver.candidate, silent.candidate, tried)
     energies = {int(known[t.canonical]): t.energy for t in fits}
     best = min(fits, key=lambda t: t.energy)
@@ -113,17 +116,20 @@ def fit(
     return dataclasses.replace(result, stages=stages)
 
 
-def canonical_frames(counts: IntArray, canonical: int | None, config: FitConfig) -> list[int]:
+def canonical_frames(
+    counts: IntArray, canonical: int | None, config: FitConfig, cover: Array | None = None
+) -> list[int]:
     """The frames to fit from: near the middle, with the shortest ways to both ends, among those that show most.
 
     counts (F,): points of every frame. Two at least, to choose from; more of a short or sparse sequence, where each
-    costs less and says less.
+    costs less and says less. cover (F,), where views are known: share of all points that each frame does not hide. Most
+    points then only say that the object came near the sensor.
     """
     if canonical is not None:
         return [canonical]
     F = len(counts)
     tries = min(config.canonical_tries, max(2, config.canonical_work // int(counts.sum())))
-    few = counts < config.canonical_share * counts.max()
+    few = counts < config.canonical_share * counts.max() if cover is None else cover < COVER * cover.max()
     return sorted(range(F), key=lambda c: (few[c], abs(c - F // 2), c))[:tries]
 
 

@@ -58,6 +58,11 @@ class Views:
             self.low, self.high, self.tolerance,
         )  # fmt: skip
 
+    def cover(self, y: Array) -> Array:
+        """(F,) share of places y (n, 3) that each frame does not hide."""
+        F = len(self.first) - 1
+        return np.array([np.mean(self.classes(y, np.full(len(y), f)) != HIDDEN) for f in range(F)])
+
     def take(self, chosen: IntArray) -> Views:
         """Those of these frames (in order) alone."""
         v = _ranges(self.first, chosen)
