@@ -9,6 +9,7 @@ import pytest
 
 from rearticulate.config import FitConfig
 from rearticulate.geometry.se3 import exp_se3, transform
+from rearticulate.joints.project import UNSEEN, open_share
 from rearticulate.observe.frames import Frames, make_frames
 from rearticulate.observe.views import EMPTY, HIDDEN, NEAR, UNKNOWN, Views
 from rearticulate.parts.patches import track_patches
@@ -53,6 +54,19 @@ def scene(sensors: tuple[int, ...], tell: bool = True) -> Frames:
 def seen(frames: Frames) -> Views:
     assert frames.views is not None
     return frames.views
+
+
+def test_a_gap_that_cannot_be_seen_hardly_counts() -> None:
+    """Behind the ball, before the wall, and half behind the wall: there the surface itself takes a little as well."""
+    frames, up = scene((0,)), np.array([0, 0, 1.0])
+    left, behind = np.array([-0.8, 0, 0]), np.array([0.35, 0, 0.2])
+    ends = np.array(
+        [[behind, behind + 0.1 * up], [left + 0.6 * up, left + 0.8 * up], [left - 0.5 * up, left + 0.5 * up]]
+    )
+    two_frames = np.stack([(ends - frames.centre) / frames.unit] * 2, axis=1)
+    shares = np.array([open_share(seen(frames), each) for each in two_frames])
+    np.testing.assert_allclose(shares[:2], [[UNSEEN] * 2, [1] * 2])
+    np.testing.assert_allclose(shares[2], (1 + UNSEEN) / 2, atol=0.13)
 
 
 @pytest.mark.parametrize(("sensors", "tell"), [((0,), True), ((1,), False), ((0, 1), True), ((0, 1), False)])

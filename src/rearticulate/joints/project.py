@@ -19,6 +19,7 @@ from rearticulate.joints.chains import ChainFit, fit_prismatic, fit_revolute, fi
 from rearticulate.joints.evidence import Evidence, contact_point, gather_evidence
 from rearticulate.joints.tree import Link, Projection, assemble, choose_root, spanning_tree
 from rearticulate.observe.frames import Frames
+from rearticulate.observe.views import HIDDEN, NEAR, Views
 from rearticulate.parts.relaxed import Relaxed
 from rearticulate.progress import Told, steps, untold
 
@@ -33,6 +34,8 @@ SMALL_GAIN = 0.05
 GAP = 7.5  # spacings; parts farther apart are not joined if it can be helped
 GAP_SERIES = 4.0  # spacings; two joints in series are tried for parts nearer than this
 GAP_WEIGHT = 0.35
+BETWEEN = 8  # places in a gap that are looked at
+UNSEEN = 0.06  # weight of a gap that is hidden or filled: the parts may touch there
 SERIES_COST = 2.0  # what a second joint costs in the spanning tree
 OFF_ROOT = 0.7  # what a joint between two moving parts costs more than one on the root
 LINK_NEAR = 4.0  # spacings; a hidden link starts with the points of the part that hangs on it within this reach
@@ -42,7 +45,8 @@ SMALL_PART = 0.04  # share of the points below which a part may become a link of
 
 
 def part_gaps(evidence: Evidence, P: int, rng: np.random.Generator, told: Told = untold, sample: int = 400) -> Array:
-    """(P, P) mean over the frames of the smallest distances between two parts (mean of three)."""
+    """(P, P) mean over the frames of the smallest distances between two parts (mean of three), as far as what lies
+    between them is not hidden."""
     z = [evidence.fused.z[evidence.fused.labels == p] for p in range(P)]
     z = [x if len(x) <= sample else rng.choice(x, sample, replace=False) for x in z]
     trees = [search_tree(x) for x in z]
@@ -51,11 +55,24 @@ def part_gaps(evidence: Evidence, P: int, rng: np.random.Generator, told: Told =
     for p in range(P):
         for q in range(p):
             moved = transform((inverse(T[:, q]) @ T[:, p])[:, None], z[p])
-            d = nearest(trees[q], moved.reshape(-1, 3))[0].reshape(len(T), -1)
+            d, j = (each.reshape(len(T), -1) for each in nearest(trees[q], moved.reshape(-1, 3)))
             closest = np.partition(d, min(2, d.shape[1] - 1), axis=1)[:, :3]
+            if evidence.views is not None:
+                f, i = np.arange(len(T)), d.argmin(axis=1)
+                ends = transform(T[:, q, None], np.stack([moved[f, i], z[q][j[f, i]]], axis=1))
+                closest *= open_share(evidence.views, ends)[:, None]
             gap[p, q] = gap[q, p] = closest.mean()
         told((p + 1) / P)
     return gap
+
+
+def open_share(views: Views, ends: Array) -> Array:
+    """(F,) weight of a gap between two places (F, 2, 3) in each frame: 1 where nothing hides or fills it, `UNSEEN`
+    where none of it is seen to be empty."""
+    F, share = len(ends), (np.arange(BETWEEN) + 0.5)[:, None] / BETWEEN
+    y = (1 - share) * ends[:, None, 0] + share * ends[:, None, 1]
+    found = views.classes(y.reshape(-1, 3), np.repeat(np.arange(F), BETWEEN)).reshape(F, BETWEEN)
+    return 1 - (1 - UNSEEN) * np.isin(found, (HIDDEN, NEAR)).mean(axis=1)
 
 
 @dataclass(frozen=True)
