@@ -58,7 +58,7 @@ def _of_arrays(arrays: dict[str, Any], counts: Sequence[int]) -> Sensors:
     if origins.dtype.kind not in "fiu" or origins.ndim != 3 or origins.shape[::2] != (len(counts), 3):
         text = f"{origins.dtype} of shape {origins.shape}, expected numbers ({len(counts)}, S, 3)"
         raise InputError(f"{ORIGINS}: {text}")
-    there = ~np.isnan(origins).all(axis=2)
+    there = np.asarray(~np.isnan(origins).all(axis=2))
     names = sorted((name for name in arrays if name != ORIGINS), key=lambda name: int(name.partition("_")[2]))
     if names and len(names) != len(counts):
         raise InputError(f"the sensors of {len(names)} frames, expected {len(counts)}")

@@ -55,12 +55,13 @@ def part_gaps(evidence: Evidence, P: int, rng: np.random.Generator, told: Told =
     for p in range(P):
         for q in range(p):
             moved = transform((inverse(T[:, q]) @ T[:, p])[:, None], z[p])
-            d, j = (each.reshape(len(T), -1) for each in nearest(trees[q], moved.reshape(-1, 3)))
+            distance, row = nearest(trees[q], moved.reshape(-1, 3))
+            d = distance.reshape(len(T), -1)
             closest = np.partition(d, min(2, d.shape[1] - 1), axis=1)[:, :3]
             if evidence.views is not None:
                 f, i = np.arange(len(T)), d.argmin(axis=1)
-                ends = transform(T[:, q, None], np.stack([moved[f, i], z[q][j[f, i]]], axis=1))
-                closest *= open_share(evidence.views, ends)[:, None]
+                ends = np.stack([moved[f, i], z[q][row.reshape(d.shape)[f, i]]], axis=1)
+                closest *= open_share(evidence.views, transform(T[:, q, None], ends))[:, None]
             gap[p, q] = gap[q, p] = closest.mean()
         told((p + 1) / P)
     return gap
