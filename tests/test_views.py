@@ -57,7 +57,7 @@ def seen(frames: Frames) -> Views:
 
 
 def test_a_gap_that_cannot_be_seen_hardly_counts() -> None:
-    """Behind the ball, before the wall, and half behind the wall: there the surface itself takes a little as well."""
+    """Behind the ball, before the wall, and half behind the wall."""
     frames, up = scene((0,)), np.array([0, 0, 1.0])
     left, behind = np.array([-0.8, 0, 0]), np.array([0.35, 0, 0.2])
     ends = np.array(
