@@ -210,6 +210,8 @@ def test_canonical_frames_are_those_that_show_most():
     counts = np.array([691, 616, 708, 738, 733, 594, 571, 498, 478, 495])
     assert canonical_frames(counts, None, FitConfig()) == [4, 3, 2, 0]
     assert canonical_frames(np.array([1000, 950, 901, 1000]), None, FitConfig()) == [2, 1, 3, 0]
+    cover = np.array([0.9, 0.9, 0.9, 0.8, 0.8, 0.6, 0.7, 0.7, 0.7, 0.7])  # the points of an end that came near
+    assert canonical_frames(counts, None, FitConfig(), cover) == [4, 6, 3, 7]
 
 
 def test_large_frames_are_thinned_evenly():

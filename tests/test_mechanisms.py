@@ -30,6 +30,7 @@ HOME = {  # the function that a mechanism is, in the module that calls it
     "split": "search.explain.split_bodies",
     "other starts": "search.articulate.combine_bodies",
     "seams": "search.articulate.cut_seams",
+    "views": "observe.frames.make_views",
     "incomplete frames": "search.incomplete.between",
 }
 
@@ -39,7 +40,7 @@ def lamp() -> PointSequence:
     """A hinge, of which one frame shows only a half."""
     sequence, _ = record(objects.hinge(), frames=5, points=700, step_deg=15, seed=1)
     points = [p[p[:, 0] > p[:, 0].mean()] if f == 4 else p for f, p in enumerate(sequence.points)]
-    return PointSequence.from_arrays(points)
+    return PointSequence.from_arrays(points, origins=[[[0.0, 0.0, 5.0]]] * 5)
 
 
 def watched(function: Callable[..., Any], mechanism: str, seen: set[str]) -> Callable[..., Any]:

@@ -27,6 +27,7 @@ Mechanism = Literal[
     "split",  # a body becomes two
     "other starts",  # bodies that other starts found, beside those of the best one
     "seams",  # plane borders across the axes of hinges
+    "views",  # what the sensors see of other places, where their origins are known
     "incomplete frames",  # frames that show only a part of the object take no part in finding the structure
 ]
 Mechanisms = Annotated[tuple[Mechanism, ...], Bounds(0)]

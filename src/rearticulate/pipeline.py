@@ -35,6 +35,8 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 Progress = Callable[[str, float], None]
 
+COVER = 0.75  # of the best; frames that cover less come last
+
 
 class Clock:
     """Seconds by stage; forwards the progress."""
@@ -81,7 +83,11 @@ def fit(
     clock("prepare", 0.0)
     rng = np.random.default_rng(seed)
     chosen = [working_rows(len(p), config.working_points, rng) for p in sequence.points]
-    frames = make_frames([p[rows] for p, rows in zip(sequence.points, chosen, strict=True)])
+    frames = make_frames(
+        [p[rows] for p, rows in zip(sequence.points, chosen, strict=True)],
+        origins=sequence.origins if config.uses("views") else (),
+        sensor=[s[rows] for s, rows in zip(sequence.sensor, chosen, strict=False)],
+    )
     known = complete_frames(np.diff(frames.start))
     left_out = canonical is not None and canonical not in known
     if left_out or config.deviation.joints == "ball" or not config.uses("incomplete frames"):
@@ -93,7 +99,8 @@ def fit(
     solver = Solver(shown, flow, config, seed, clock, store, fingerprint(sequence, config, seed), device)
     silent = dataclasses.replace(solver, clock=Clock(None))
     place = None if canonical is None else int(np.searchsorted(known, canonical))
-    tried = canonical_frames(np.diff(shown.start), place, config)
+    cover = None if shown.views is None else shown.views.cover(shown.points)
+    tried = canonical_frames(np.diff(shown.start), place, config, cover)
     starts = sorted(side_by_side(solver.start, silent.start, tried), key=lambda start: start.score)
     energies = {int(known[start.canonical]): start.score for start in starts}
     told = config.articulate == "direct"  # by the scores of the starts already, which of them is the best
@@ -113,17 +120,20 @@ def fit(
     return dataclasses.replace(result, stages=stages)
 
 
-def canonical_frames(counts: IntArray, canonical: int | None, config: FitConfig) -> list[int]:
+def canonical_frames(
+    counts: IntArray, canonical: int | None, config: FitConfig, cover: Array | None = None
+) -> list[int]:
     """The frames to fit from: near the middle, with the shortest ways to both ends, among those that show most.
 
     counts (F,): points of every frame. Two at least, to choose from; more of a short or sparse sequence, where each
-    costs less and says less.
+    costs less and says less. cover (F,), where views are known: share of all points that each frame does not hide. Most
+    points then only say that the object came near the sensor.
     """
     if canonical is not None:
         return [canonical]
     F = len(counts)
     tries = min(config.canonical_tries, max(2, config.canonical_work // int(counts.sum())))
-    few = counts < config.canonical_share * counts.max()
+    few = counts < config.canonical_share * counts.max() if cover is None else cover < COVER * cover.max()
     return sorted(range(F), key=lambda c: (few[c], abs(c - F // 2), c))[:tries]
 
 
@@ -146,8 +156,8 @@ def fingerprint(sequence: PointSequence, config: FitConfig, seed: int) -> str:
     """Names everything a stage record depends on."""
     made_by = [package_version(), code_hash(), dataclasses.asdict(config), seed]
     digest = hashlib.sha256(json.dumps(made_by, sort_keys=True).encode())
-    for points in sequence.points:
-        digest.update(np.ascontiguousarray(points).tobytes())
+    for array in (*sequence.points, *sequence.origins, *sequence.sensor):
+        digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
 
 

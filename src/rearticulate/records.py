@@ -51,21 +51,27 @@ class PointSequence:
     index:  one (N_f,) array a frame: the row of each point in its source, after dropped and subsampled points.
     names:  what to call each frame in a message (a file name, or "frame 3").
     source_points: how many points the source of each frame holds, before any were dropped; () where nobody counted.
+    origins: one (S, 3) array a frame: where its sensors stood, metres; () where unknown.
+    sensor: one (N_f,) array a frame: the row of the sensor that took each point; () where unknown.
     """
 
     points: tuple[Array, ...]
     index: tuple[IntArray, ...]
     names: tuple[str, ...]
     source_points: tuple[int, ...] = ()
+    origins: tuple[Array, ...] = ()
+    sensor: tuple[IntArray, ...] = ()
 
     @staticmethod
-    def from_arrays(points: Any) -> PointSequence:
+    def from_arrays(points: Any, origins: Any = (), sensor: Any = ()) -> PointSequence:
         """Wrap an (F, N, 3) array or a list of (N_f, 3) arrays, without any check (see `io.load_sequence`)."""
         clouds = tuple(np.asarray(p, dtype=np.float64) for p in points)
         return PointSequence(
             clouds,
             tuple(np.arange(len(p)) for p in clouds),
             tuple(f"frame {f}" for f in range(len(clouds))),
+            origins=tuple(np.asarray(o, dtype=np.float64) for o in origins),
+            sensor=tuple(np.asarray(s) for s in sensor),
         )
 
     def __len__(self) -> int:

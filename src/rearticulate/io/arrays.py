@@ -2,7 +2,8 @@
 
 They are an array (F, N, C) called `points` or alone in its file; or one (N, C) array a frame, the names alike but for
 their numbers (frame_0, frame_1; arr_0, arr_1; points_000, points_001, ... before all others). Of C = 3, 4, 6, 7, 9 or
-10 columns the first three are x y z. Nothing else is guessed: where two kinds of arrays could be the frames, none is.
+10 columns the first three are x y z. What says where sensors stood is no frame (see `io.sensors`). Nothing else is
+guessed: where two kinds of arrays could be the frames, none is.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from rearticulate.errors import InputError
 from rearticulate.io.npz import Archive, ArrayHeader, open_numpy
 from rearticulate.io.order import in_order
 from rearticulate.io.readers import Points
+from rearticulate.io.sensors import is_of_sensors
 from rearticulate.io.text import COLUMNS
 
 SHAPES = "one (F, N, 3) array called points, or one (N, 3) array a frame"
@@ -37,7 +39,8 @@ def _frames_of_array(path: Path, array: Any) -> Iterator[tuple[str, Points]]:
 
 
 def _named_frames(path: Path, archive: Archive) -> Iterator[tuple[str, Points]]:
-    whole = "points" if "points" in archive.files else archive.files[0] if len(archive.files) == 1 else ""
+    files = [name for name in archive.files if not is_of_sensors(name)]
+    whole = "points" if "points" in files else files[0] if len(files) == 1 else ""
     if whole and len(archive.header(whole).shape) != 2:
         yield from _frames_of_array(path, archive[whole])
         return
@@ -48,7 +51,8 @@ def _named_frames(path: Path, archive: Archive) -> Iterator[tuple[str, Points]]:
 def _frame_names(path: Path, archive: Archive) -> list[str]:
     """The arrays that are frames, one a frame."""
     groups: dict[str, list[str]] = {}
-    for name in archive.files:
+    files = [name for name in archive.files if not is_of_sensors(name)]
+    for name in files:
         groups.setdefault(re.sub(r"\d+", "0", name), []).append(name)
     for pattern in ("points", "points_0"):
         if pattern in groups:
@@ -58,7 +62,7 @@ def _frame_names(path: Path, archive: Archive) -> list[str]:
         listed = ", ".join(names[0] for names in clouds[:6])
         text = "call the frames points_000, points_001, ... or keep only these"
         raise InputError(f"{path}: several kinds of arrays could be the frames ({listed}); {text}")
-    return clouds[0] if clouds else archive.files
+    return clouds[0] if clouds else files
 
 
 def _is_cloud(header: ArrayHeader) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.errors import InputError, InputWarning
+from rearticulate.io.sensors import check_sensors
 from rearticulate.records import Array, IntArray, PointSequence
 
 MIN_FRAMES = 2
@@ -25,6 +26,7 @@ def check_sequence(sequence: PointSequence) -> None:
         raise InputError(f"{len(sequence)} frame(s): motion needs at least {MIN_FRAMES} frames of the same object")
     for name, points in zip(sequence.names, sequence.points, strict=True):
         check_frame(name, points)
+    check_sensors(sequence.origins, sequence.sensor, [len(points) for points in sequence.points])
     splits = [split_far_apart(points) for points in sequence.points]
     _check_one_object(sequence.names, splits)
     _check_spread(sequence, splits)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -130,8 +130,13 @@ def read_errors(path: Path, what: str) -> Iterator[None]:
 
 def load_arrays(path: Path, max_bytes: int = MAX_BYTES) -> dict[str, Any]:
     """Every array of an `.npz`, by name."""
+    return load_some_arrays(path, lambda name: True, max_bytes)
+
+
+def load_some_arrays(path: Path, wanted: Callable[[str], bool], max_bytes: int = MAX_BYTES) -> dict[str, Any]:
+    """Those whose names are wanted."""
     with open_numpy(path, max_bytes) as archive:
-        return {name: archive[name] for name in archive.files}
+        return {name: archive[name] for name in archive.files if wanted(name)}
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any], compress: bool = False) -> None:

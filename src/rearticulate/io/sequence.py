@@ -4,7 +4,8 @@ A sequence is one of
 * an `.npz` or `.npy` (see `io.arrays`): `points` (F, N, 3), or one (N, 3) array a frame;
 * a folder of frames, or a pattern such as "scan/*.ply", one file a frame: .ply, .pcd, .xyz, .txt, .csv, .npy,
   or meshes (.obj, .stl, .off, .glb, .ply with faces), whose surface is sampled (see `io.folder`).
-Frames go by the numbers or times in their names (see `io.order`) and may differ in size. A file must hold what its
+Frames go by the numbers or times in their names (see `io.order`) and may differ in size. Where the sensors stood may be
+told beside them (see `io.sensors`). A file must hold what its
 header promises, no more and no less, within a budget of bytes (see `io.budget`).
 """
 
@@ -28,6 +29,7 @@ from rearticulate.io.folder import frame_files
 from rearticulate.io.measure import warn_of_steps
 from rearticulate.io.npz import save_arrays
 from rearticulate.io.readers import READERS, Points, Reading, check_points, read_points
+from rearticulate.io.sensors import Sensors, read_sensors, sensor_arrays
 from rearticulate.records import PointSequence
 from rearticulate.schema import finite
 
@@ -96,13 +98,15 @@ def load_scans(
 
 
 def save_sequence(path: str | os.PathLike[str], sequence: PointSequence) -> None:
-    """Write an `.npz` of float32 points: `points` (F, N, 3), or points_000, points_001, ... where sizes differ."""
+    """Write an `.npz` of float32 points: `points` (F, N, 3), or points_000, points_001, ... where sizes differ. With
+    what is known of the sensors."""
     with np.errstate(over="ignore"):
         frames = [finite(str(path), frame.astype(np.float32)) for frame in sequence.points]
+    sensors = sensor_arrays(sequence.origins, sequence.sensor)
     if len({len(frame) for frame in frames}) == 1:
-        save_arrays(Path(path), {"points": np.stack(frames)})
+        save_arrays(Path(path), {"points": np.stack(frames), **sensors})
     else:
-        save_arrays(Path(path), {f"points_{f:03d}": frame for f, frame in enumerate(frames)})
+        save_arrays(Path(path), {f"points_{f:03d}": frame for f, frame in enumerate(frames)} | sensors)
 
 
 @contextmanager
@@ -134,7 +138,11 @@ def _read(path: str | os.PathLike[str], options: _Options, single: bool = False)
             told.note(what.format(max_points=options.max_points), count)
     told.warn(path)
     points = tuple(frame.points * options.scale for frame in frames)
-    return PointSequence(points, tuple(frame.rows for frame in frames), tuple(names), tuple(counts))
+    with _system_errors(path):
+        sensors = Sensors() if single else read_sensors(Path(path), counts, options.max_bytes)
+    origins = tuple(origin * options.scale for origin in sensors.origins)
+    sensor = tuple(taken[frame.rows] for taken, frame in zip(sensors.sensor, frames, strict=False))
+    return PointSequence(points, tuple(frame.rows for frame in frames), tuple(names), tuple(counts), origins, sensor)
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from rearticulate.geometry.nearest import contact, nearest
 from rearticulate.geometry.se3 import transform
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import INFORMATION_SIGMA, Fused, fuse, points_behind
+from rearticulate.observe.views import Views
 from rearticulate.parts.bodies import bodies_equations, make_bodies
 from rearticulate.parts.relaxed import Relaxed
 
@@ -28,13 +29,15 @@ def free_share(frames: int, joints: int) -> float:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the registration knows: information H (F, P, 6, 6) of every pose, plane noise sigma, the fused cloud."""
+    """What the registration knows: information H (F, P, 6, 6) of every pose, plane noise sigma, the fused cloud,
+    what every frame's sensors see, where it is known."""
 
     T: Array
     H: Array
     sigma: float
     fused: Fused
     canonical: int
+    views: Views | None = None
 
     def reduced(self, cost: Array, joints: int = 0) -> Array:
         """Cost of so many joints in series -> chi-square per degree of freedom; inf where they can explain anything.
@@ -69,7 +72,7 @@ def plane_noise(frames: Frames, canonical: int, model: Relaxed) -> float:
 def gather_evidence(frames: Frames, canonical: int, model: Relaxed) -> Evidence:
     fused = fuse(frames, model.T, model.labels)
     H, _ = bodies_equations(make_bodies(frames, model.T, model.labels), INFORMATION_SIGMA)
-    return Evidence(model.T, H, plane_noise(frames, canonical, model), fused, canonical)
+    return Evidence(model.T, H, plane_noise(frames, canonical, model), fused, canonical, frames.views)
 
 
 def contact_point(evidence: Evidence, a: int, b: int, n: int = 40) -> Array:

@@ -19,6 +19,7 @@ from rearticulate.joints.chains import ChainFit, fit_prismatic, fit_revolute, fi
 from rearticulate.joints.evidence import Evidence, contact_point, gather_evidence
 from rearticulate.joints.tree import Link, Projection, assemble, choose_root, spanning_tree
 from rearticulate.observe.frames import Frames
+from rearticulate.observe.views import HIDDEN, Views
 from rearticulate.parts.relaxed import Relaxed
 from rearticulate.progress import Told, steps, untold
 
@@ -31,8 +32,10 @@ GAIN = 0.2  # another joint in series must lower the chi-square to this share
 SMALL_RMS = 0.5  # spacings; misfits below this need the stricter gain
 SMALL_GAIN = 0.05
 GAP = 7.5  # spacings; parts farther apart are not joined if it can be helped
-GAP_SERIES = 4.0  # spacings; two joints in series are tried for parts nearer than this
+GAP_SERIES = 4.0  # spacings; two joints in series are tried for parts nearer than this, hidden or not
 GAP_WEIGHT = 0.35
+BETWEEN = 8  # places in a gap that are looked at
+UNSEEN = 0.06  # weight of a gap that is hidden: the parts may touch there
 SERIES_COST = 2.0  # what a second joint costs in the spanning tree
 OFF_ROOT = 0.7  # what a joint between two moving parts costs more than one on the root
 LINK_NEAR = 4.0  # spacings; a hidden link starts with the points of the part that hangs on it within this reach
@@ -41,21 +44,39 @@ LINK_SHARE = 0.4  # ... but with at most this share of them
 SMALL_PART = 0.04  # share of the points below which a part may become a link of a chain
 
 
-def part_gaps(evidence: Evidence, P: int, rng: np.random.Generator, told: Told = untold, sample: int = 400) -> Array:
-    """(P, P) mean over the frames of the smallest distances between two parts (mean of three)."""
+def part_gaps(
+    evidence: Evidence, P: int, rng: np.random.Generator, told: Told = untold, sample: int = 400
+) -> tuple[Array, Array]:
+    """(P, P) mean over the frames of the smallest distances between two parts (mean of three), and the same as far as
+    what lies between them is not hidden."""
     z = [evidence.fused.z[evidence.fused.labels == p] for p in range(P)]
     z = [x if len(x) <= sample else rng.choice(x, sample, replace=False) for x in z]
     trees = [search_tree(x) for x in z]
     T = evidence.T
-    gap = np.zeros((P, P))
+    gap, open_gap = np.zeros((2, P, P))
     for p in range(P):
         for q in range(p):
             moved = transform((inverse(T[:, q]) @ T[:, p])[:, None], z[p])
-            d = nearest(trees[q], moved.reshape(-1, 3))[0].reshape(len(T), -1)
+            distance, row = nearest(trees[q], moved.reshape(-1, 3))
+            d = distance.reshape(len(T), -1)
             closest = np.partition(d, min(2, d.shape[1] - 1), axis=1)[:, :3]
-            gap[p, q] = gap[q, p] = closest.mean()
+            gap[p, q] = gap[q, p] = open_gap[p, q] = open_gap[q, p] = closest.mean()
+            if evidence.views is not None:
+                f, i = np.arange(len(T)), d.argmin(axis=1)
+                ends = np.stack([moved[f, i], z[q][row.reshape(d.shape)[f, i]]], axis=1)
+                share = open_share(evidence.views, transform(T[:, q, None], ends))
+                open_gap[p, q] = open_gap[q, p] = (share * closest.mean(axis=1)).mean()
         told((p + 1) / P)
-    return gap
+    return gap, open_gap
+
+
+def open_share(views: Views, ends: Array) -> Array:
+    """(F,) weight of a gap between two places (F, 2, 3) in each frame: 1 where nothing hides it, `UNSEEN` where
+    all of it is hidden."""
+    F, share = len(ends), (np.arange(BETWEEN) + 0.5)[:, None] / BETWEEN
+    y = (1 - share) * ends[:, None, 0] + share * ends[:, None, 1]
+    found = views.classes(y.reshape(-1, 3), np.repeat(np.arange(F), BETWEEN)).reshape(F, BETWEEN)
+    return 1 - (1 - UNSEEN) * (found == HIDDEN).mean(axis=1)
 
 
 @dataclass(frozen=True)
@@ -99,14 +120,14 @@ def tree_costs(
     Two drawers, or two doors on one hinge line, move against each other by one joint as well: a pair without the root
     costs a little more.
     """
-    gap = part_gaps(evidence, P, rng, told)
+    distance, gap = part_gaps(evidence, P, rng, told)
     cost = 20 + gap
     a, b = np.nonzero(np.tril(gap < GAP, -1))
     if len(a) == 0:
         return cost
     one = evidence.reduced(fit_joints(evidence, a, b, config.slide_margin).cost, 1)
     best = np.log1p(one)
-    series = np.flatnonzero((one > config.joint_chi2) & (gap[a, b] < GAP_SERIES))
+    series = np.flatnonzero((one > config.joint_chi2) & (distance[a, b] < GAP_SERIES))
     if len(series) and config.uses("hidden links"):
         A, W = relative_motion(evidence.T, evidence.H, a[series], b[series], evidence.canonical)
         contact = np.stack([contact_point(evidence, int(p), int(q)) for p, q in zip(a[series], b[series], strict=True)])

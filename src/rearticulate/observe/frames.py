@@ -18,6 +18,7 @@ from scipy.spatial import KDTree
 
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.observe.planes import neighbour_offsets
+from rearticulate.observe.views import Views, make_views
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -36,6 +37,7 @@ class Frames:
 
     points (M, 3), normals (M, 3) of unknown sign, frame (M,) frame of each point, start (F + 1,) first point of each.
     order (M,): row of each point in the input's concatenated frames. unit: metres a spacing. centre (3,): metres.
+    views: what the sensors see of other places, where it is known from where these points were taken.
     """
 
     points: Array
@@ -46,6 +48,7 @@ class Frames:
     order: IntArray
     unit: float
     centre: Array
+    views: Views | None = None
 
     @property
     def n_frames(self) -> int:
@@ -104,6 +107,7 @@ class Frames:
             order=self.order[rows],
             unit=self.unit,
             centre=self.centre,
+            views=None if self.views is None else self.views.take(chosen),
         )
 
     def only(self, rows: IntArray) -> Frames:
@@ -159,15 +163,20 @@ def smallest_direction(points: Array, sets: IntArray) -> Array:
     return np.linalg.eigh(_scatter(points, sets), UPLO="L")[1][:, :, 0]
 
 
-def make_frames(clouds: Sequence[Array], neighbours: int = NORMAL_NEIGHBOURS) -> Frames:
-    """Normalise the clouds (metres) into `Frames`."""
+def make_frames(
+    clouds: Sequence[Array],
+    neighbours: int = NORMAL_NEIGHBOURS,
+    origins: Sequence[Array] = (),
+    sensor: Sequence[IntArray] = (),
+) -> Frames:
+    """Normalise the clouds (metres) into `Frames`. origins, sensor: as in a `PointSequence`."""
     unit = point_spacing(clouds)
     centre = np.mean([p.mean(axis=0) for p in clouds], axis=0)
     orders = [np.argsort(np.linalg.norm(p - p.mean(axis=0), axis=1), kind="stable") for p in clouds]
     scaled = [(p[o] - centre) / unit for p, o in zip(clouds, orders, strict=True)]
     start = np.concatenate([[0], np.cumsum([len(p) for p in scaled])])
     trees = tuple(search_tree(p) for p in scaled)
-    return Frames(
+    frames = Frames(
         points=np.concatenate(scaled),
         normals=np.concatenate([estimate_normals(p, t, neighbours) for p, t in zip(scaled, trees, strict=True)]),
         frame=np.repeat(np.arange(len(scaled)), np.diff(start)),
@@ -177,3 +186,8 @@ def make_frames(clouds: Sequence[Array], neighbours: int = NORMAL_NEIGHBOURS) ->
         unit=unit,
         centre=centre,
     )
+    if not origins:
+        return frames
+    origins = [(each - centre) / unit for each in origins]
+    sensor = [each[order] for each, order in zip(sensor, orders, strict=False)]
+    return replace(frames, views=make_views(scaled, origins, sensor, frames.noise))

@@ -2,7 +2,8 @@
 
 Embedded deformation with robust as-rigid-as-possible edges (Sumner et al. 2007, Li et al. 2009), matched both ways:
 patch to frame and frame to patch. The second direction keeps a fast limb from collapsing onto the body, and the wide
-start of the robust scale gives the large capture range.
+start of the robust scale gives the large capture range. Where it is known from where the points were taken, what a
+frame hides has no say: hidden patches go where their neighbours go.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from functools import partial
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from rearticulate.config import FitConfig
 from rearticulate.geometry.nearest import farthest_points, nearest, search_tree
@@ -22,6 +22,7 @@ from rearticulate.geometry.robust import geman_mcclure
 from rearticulate.geometry.se3 import exp_se3, inverse, rotate, transform
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.register import match, normal_equations
+from rearticulate.observe.views import HIDDEN
 from rearticulate.parts.matched_starts import MatchedStarts
 
 Array = NDArray[np.floating]
@@ -40,18 +41,21 @@ TEAR_MEMORY = 3.7  # spacings; an edge that was torn by more than this in anothe
 POINT_SHARE = 0.3  # of the distance to the point, against that to its plane
 BAD_COST = 2.15  # spacings; a frame with a larger two-sided distance is tried again from others ...
 UNUSUAL = 1.08  # ... and one with so many times the usual distance
+EXPLAINED = 1.0  # spacings; a place that is as near to a point of the frame is seen
+UNSEEN = 1.0  # spacings; distance of a point that cannot be seen: above that of most that are
 GAIN = 0.02  # spacings; a start is taken if it lowers that distance by this (standard error 0.012, 4096 points)
 
 
 @dataclass(frozen=True)
 class Patches:
-    """Rigid patches of the canonical cloud.
+    """Rigid patches of the canonical cloud, that of frame `canonical`.
 
     points, normals (N, 3): the canonical cloud. owner (N,): patch of each point. member, patch (m,): the overlapping
     membership list. weight (m,): one over the patch's size. edge_i, edge_j (E,): neighbouring patches, joined at
     anchors (E, 4, 3).
     """
 
+    canonical: int
     points: Array
     normals: Array
     owner: IntArray
@@ -75,7 +79,7 @@ class Tracks:
     T: Array
 
 
-def make_patches(points: Array, normals: Array) -> Patches:
+def make_patches(points: Array, normals: Array, canonical: int = 0) -> Patches:
     """Patches around farthest-point nodes; every point belongs to at least one."""
     count = int(np.clip(len(points) / POINTS_PER_NODE, MIN_NODES, MAX_NODES))
     nodes = points[farthest_points(points, min(count, len(points) // 4))]
@@ -95,6 +99,7 @@ def make_patches(points: Array, normals: Array) -> Patches:
     corner = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
     reach = 0.5 * np.linalg.norm(a - b, axis=1).mean()
     return Patches(
+        canonical=canonical,
         points=points,
         normals=normals,
         owner=owner,
@@ -180,23 +185,44 @@ def conjugate_gradient(H, H_inv, off, edge_i, edge_j, b, iterations, tolerance):
     return x
 
 
-def _match_forward(patches: Patches, T: Array, tree: KDTree, target_normals: Array, sigma: float, share: float):
-    """Normal equations of patch points to their nearest target points."""
+def _hidden(frames: Frames, f: int, y: Array, d: Array) -> NDArray[np.bool_]:
+    """(n,) the places y (n, 3), at distances d (n,) from the points of frame f, that its sensors cannot see."""
+    out = np.zeros(len(y), dtype=bool)
+    if frames.views is not None:
+        far = np.flatnonzero(d > EXPLAINED)
+        out[far] = frames.views.classes(y[far], np.full(len(far), f)) == HIDDEN
+    return out
+
+
+def _match_forward(frames: Frames, patches: Patches, f: int, T: Array, sigma: float):
+    """Normal equations of patch points to the nearest points of frame f, but of those that it hides."""
     y = transform(T[patches.patch], patches.points[patches.member])
     ny = rotate(T[patches.patch], patches.normals[patches.member])
-    z, nz, d, r, agreement = match(tree, target_normals, y, ny)
+    z, nz, d, r, agreement = match(frames.trees[f], frames.normals[frames.rows(f)], y, ny)
     w = geman_mcclure(0.5 * (r * r + d * d), sigma) * np.where(agreement > 0.4, agreement, 0.02) * patches.weight
-    return normal_equations(y, z, nz, w, share * w, patches.patch, patches.count)
+    w *= ~_hidden(frames, f, y, d)
+    return normal_equations(y, z, nz, w, POINT_SHARE * w, patches.patch, patches.count)
 
 
-def _match_backward(patches: Patches, T: Array, tree: KDTree, target_normals: Array, sigma: float):
-    """Normal equations of target points to their nearest patch points: what is observed must be explained."""
+def _match_backward(frames: Frames, patches: Patches, f: int, T: Array, sigma: float):
+    """Normal equations of the points of frame f to their nearest patch points: what is observed must be explained,
+    unless the canonical frame hides it."""
+    tree, target_normals = frames.trees[f], frames.normals[frames.rows(f)]
     y = transform(T[patches.owner], patches.points)
     ny = rotate(T[patches.owner], patches.normals)
     d, j = nearest(search_tree(y), tree.data)
     agreement = np.abs(np.einsum("ij,ij->i", ny[j], target_normals))
     w = geman_mcclure(d * d, 1.5 * sigma) * np.maximum(agreement, 0.1) * 0.64 * patches.count / tree.n
+    w *= ~_newly_seen(frames, patches, T, tree.data, d, j)
     return normal_equations(y[j], tree.data, target_normals, w, 0.5 * w, patches.owner[j], patches.count)
+
+
+def _newly_seen(frames: Frames, patches: Patches, T: Array, z: Array, d: Array, j: IntArray) -> NDArray[np.bool_]:
+    """(n,) the observed points z (n, 3), at distances d (n,) from patch points j (n,), that the canonical frame hides
+    where these patches bring them to it."""
+    if frames.views is None:
+        return np.zeros(len(z), dtype=bool)
+    return _hidden(frames, patches.canonical, transform(inverse(T)[patches.owner[j]], z), d)
 
 
 def register_patches(
@@ -206,7 +232,6 @@ def register_patches(
 
     capture_range: robust scale of a correspondence in the first iteration, in spacings.
     """
-    tree, target_normals = frames.trees[f], frames.normals[frames.rows(f)]
     gap = np.zeros(len(patches.edge_i))
     off = np.empty((len(gap), 6, 6))
     for i in range(ITERATIONS):
@@ -214,8 +239,8 @@ def register_patches(
         sigma = capture_range * (SIGMA_END / capture_range) ** a
         stiffness = STIFFNESS * (STIFFNESS_END / STIFFNESS) ** a
         tear = TEAR * (TEAR_END / TEAR) ** a
-        H1, g1 = _match_forward(patches, T, tree, target_normals, sigma, POINT_SHARE)
-        H2, g2 = _match_backward(patches, T, tree, target_normals, sigma)
+        H1, g1 = _match_forward(frames, patches, f, T, sigma)
+        H2, g2 = _match_backward(frames, patches, f, T, sigma)
         H, g = H1 + H2 + DAMPING, g1 + g2
         w = stiffness * edge_weight * geman_mcclure(gap, tear) / 4
         gap = edge_blocks(T, patches.edge_i, patches.edge_j, patches.anchors, w, H, off, g)
@@ -227,8 +252,10 @@ def register_patches(
 def _two_sided_cost(frames: Frames, patches: Patches, T: Array, f: int) -> float:
     y = transform(T[patches.owner], patches.points)
     tree = frames.trees[f]
-    there, back = nearest(tree, y)[0], nearest(search_tree(y), tree.data)[0]
-    return float(np.minimum(there, 4).mean() + np.minimum(back, 4).mean())
+    there, (back, j) = nearest(tree, y)[0], nearest(search_tree(y), tree.data)
+    there = np.where(_hidden(frames, f, y, there), UNSEEN, np.minimum(there, 4))
+    back = np.where(_newly_seen(frames, patches, T, tree.data, back, j), UNSEEN, np.minimum(back, 4))
+    return float(there.mean() + back.mean())
 
 
 def _register_from_starts(
@@ -253,7 +280,7 @@ def _register_from_starts(
 def track_patches(frames: Frames, canonical: int, config: FitConfig, progress=lambda fraction: None) -> Tracks:
     """Follow the canonical frame's patches forwards and backwards through the sequence."""
     rows = frames.rows(canonical)
-    patches = make_patches(frames.points[rows], frames.normals[rows])
+    patches = make_patches(frames.points[rows], frames.normals[rows], canonical)
     F, K = frames.n_frames, patches.count
     T = np.tile(np.eye(4), (F, K, 1, 1))
     gaps = np.zeros((F, len(patches.edge_i)))

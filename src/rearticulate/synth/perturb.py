@@ -125,7 +125,8 @@ def select_frames(sequence: PointSequence, truth: GroundTruth, frames: Sequence[
         novel=truth.novel @ inverse(base),
         joint_state=None if truth.joint_state is None else truth.joint_state[rows],
     )
-    return PointSequence.from_arrays([sequence.points[f] for f in rows]), selected
+    told = (sequence.points, sequence.origins, sequence.sensor)
+    return PointSequence.from_arrays(*([each[f] for f in rows] if each else () for each in told)), selected
 
 
 def every_nth_frame(sequence: PointSequence, truth: GroundTruth, n: int) -> Recording:

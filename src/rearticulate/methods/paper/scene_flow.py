@@ -35,7 +35,7 @@ def registered_flow(frames: Frames, matched: MatchedStarts, f: int, capture_rang
     From rest where a frame has too few points for the network.
     """
     rows = frames.rows(f)
-    patches = make_patches(frames.points[rows], frames.normals[rows])
+    patches = make_patches(frames.points[rows], frames.normals[rows], f)
     start = np.tile(np.eye(4), (patches.count, 1, 1))
     if matched.possible(f, f + 1):
         start = matched.poses(start, patches.points[patches.member], patches.patch, f, f + 1)
