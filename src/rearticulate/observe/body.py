@@ -207,9 +207,9 @@ def renewed(body: Body, before: Body) -> Body:
     return replace(body, normals=plane_layers(body.z, near)[1], near=near)
 
 
-def alike(a: Body, b: Body, share: float = SAME) -> bool:
+def alike(a: Body, b: Body) -> bool:
     """Have the two nearly the same points and the same motion?"""
     common, i, j = np.intersect1d(a.rows, b.rows, assume_unique=True, return_indices=True)
-    if len(common) < share * max(len(a), len(b)):
+    if len(common) < SAME * max(len(a), len(b)):
         return False
     return len(common) == 0 or float(np.linalg.norm(a.z[i] - b.z[j], axis=1).mean()) < STAYED

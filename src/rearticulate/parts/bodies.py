@@ -23,22 +23,17 @@ IntArray = NDArray[np.integer]
 Bodies = tuple[Body, ...]
 
 LEAST = 3  # points a frame of a body
-FEW = 0.99  # share of points that stay, beyond which the others have no say in the normals
 
 
 def make_bodies(frames: Frames, T: Array, labels: IntArray, before: Bodies = ()) -> Bodies:
-    """One for each part of T (F, P, 4, 4) and labels (M,). before: of what has about the same points and motion the
-    normals are kept; those of few points that join are what they were."""
-    normals = own_normals(before, len(labels)) if before else None
+    """One for each part of T (F, P, 4, 4) and labels (M,). before: of what has the same points and about the same
+    motion the neighbours or normals are kept."""
 
     def make(p: int) -> Body:
         rows = np.flatnonzero(labels == p)
-        if normals is None or p >= len(before):
-            return make_body(frames, rows, T[:, p])
-        if np.array_equal(before[p].rows, rows):
+        if p < len(before) and np.array_equal(before[p].rows, rows):
             return renewed(before[p].moved(T[:, p]), before[p])
-        joined = carried(frames, rows, T[:, p], normals)
-        return joined if alike(joined, before[p], FEW) else make_body(frames, rows, T[:, p])
+        return make_body(frames, rows, T[:, p])
 
     return tuple(each(make, range(T.shape[1])))
 

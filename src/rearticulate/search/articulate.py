@@ -19,7 +19,7 @@ from rearticulate.joints.tree import Projection
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import surface_noise
 from rearticulate.observe.misfit import point_misfit
-from rearticulate.parts.bodies import labels_of, make_bodies, score_of, to_relaxed, without_crumbs
+from rearticulate.parts.bodies import Bodies, labels_of, make_bodies, score_of, to_relaxed, without_crumbs
 from rearticulate.parts.ownership import exchange, relabel
 from rearticulate.parts.relaxed import Relaxed
 from rearticulate.parts.sheets import sheet_thickness
@@ -30,12 +30,11 @@ from rearticulate.search.moves.combine import combine_bodies
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
-HYPOTHESES = 4  # of the structure, at most
-TURNS = 2  # of the search for bodies at a second look
+HYPOTHESES = 3  # of the structure, at most
 FIRST_ROUNDS, MORE_ROUNDS = 2, 2  # of labels and motions, at most: from every start, and from the better one
 LAST_ROUNDS = 2  # of labels by own-part evidence and motions by all points
 SETTLED = 0.015  # share of points that change their label in the last round
-WORTH = 1e-3  # share of the score; a hypothesis that lowers it by less is the last
+WORTH = 2e-3  # share of the score; a hypothesis that lowers it by less is the last
 
 
 def articulate(
@@ -56,19 +55,18 @@ def articulate(
     thickness = sheet_thickness(surface_noise(frames, canonical, relaxed.T, relaxed.labels))
     first, *tries, last = steps(lambda done: progress("articulate", done), HYPOTHESES + 2)
     combined, projected = steps(first, 2)
+    bodies = make_bodies(frames, relaxed.T, relaxed.labels)
     if others and relaxed.found <= config.max_parts and config.uses("other starts"):
-        start = make_bodies(frames, relaxed.T, relaxed.labels)
-        bodies = combine_bodies(frames, canonical, start, others)
-        if bodies is not start:
-            bodies = explain(frames, canonical, bodies, config, TURNS, combined)[0]
-            relaxed = to_relaxed(bodies, len(relaxed.labels))
-    start = project(frames, canonical, relaxed, config, rng, projected)
-    best, lowest = None, np.inf
+        more = combine_bodies(frames, canonical, bodies, others)
+        if more is not bodies:
+            bodies = explain(frames, canonical, more, config, bodies, combined)
+    start = project(frames, canonical, to_relaxed(bodies, len(relaxed.labels)), config, rng, projected)
+    best, lowest, tried = None, np.inf, ()
     only_one = relaxed.found > config.max_parts or not config.uses("second look")
     for one_try in tries[:1] if only_one else tries:
         structure, motion = steps(one_try, 2)
         if best is not None:
-            start = restructure(frames, canonical, best.tree, best.labels, config, rng, structure)
+            tried, start = restructure(frames, canonical, best, tried, config, rng, structure)
             if same_structure(start, best):
                 break
         new, value = adjust(frames, canonical, start, thickness, config, rng, motion)
@@ -199,15 +197,15 @@ def alternate(
 def restructure(
     frames: Frames,
     canonical: int,
-    tree: Articulated,
-    labels: IntArray,
+    hypothesis: Hypothesis,
+    tried: Bodies,
     config: FitConfig,
     rng: np.random.Generator,
     told: Told = untold,
-) -> Projection:
+) -> tuple[Bodies, Projection]:
     """A new hypothesis from accurate motions: the parts move freely, what pays is merged and split, the tree is built
-    anew."""
-    bodies, projected = steps(told, 2)
-    start = without_crumbs(frames, make_bodies(frames, tree.forward(), labels))
-    model = to_relaxed(explain(frames, canonical, start, config, TURNS, bodies)[0], len(labels))
-    return project(frames, canonical, model, config, rng, projected)
+    anew. tried: the bodies of the last time."""
+    searched, projected = steps(told, 2)
+    start = without_crumbs(frames, make_bodies(frames, hypothesis.tree.forward(), hypothesis.labels))
+    bodies = explain(frames, canonical, start, config, tried, searched)
+    return bodies, project(frames, canonical, to_relaxed(bodies, len(hypothesis.labels)), config, rng, projected)

@@ -19,11 +19,11 @@ WORTH = 2e-3  # share of the score that a turn must bring if there is to be anot
 
 
 def explain(
-    frames: Frames, canonical: int, bodies: Bodies, config: FitConfig, turns: int = TURNS, told: Told = untold
-) -> tuple[Bodies, float]:
-    """The bodies of the lowest score after so many turns at most, and the score."""
-    best, lowest, tried = bodies, np.inf, ()
-    for each in steps(told, turns):
+    frames: Frames, canonical: int, bodies: Bodies, config: FitConfig, tried: Bodies = (), told: Told = untold
+) -> Bodies:
+    """The bodies of the lowest score after a few turns. tried: bodies that need not be changed again."""
+    best, lowest = bodies, np.inf
+    for each in steps(told, TURNS):
         points, layers, merges = steps(each, 3)
         bodies = relabel(frames, settled(frames, canonical, bodies, ROUGH + FINE), told=points)
         if config.uses("exchange"):
@@ -36,10 +36,11 @@ def explain(
         gain = lowest - new
         if gain > 0:
             best, lowest = bodies, new
-        before = bodies
+        before, tried = tried, bodies
         if config.uses("split"):
-            bodies = split_bodies(frames, canonical, bodies, tried)
-        tried = before
-        if gain < WORTH * new and len(bodies) == len(before):
+            bodies = split_bodies(frames, canonical, bodies, before)
+        if len(bodies) > len(tried):
+            best, lowest = bodies, score(frames, bodies)
+        elif gain < WORTH * new:
             break
-    return best, lowest
+    return best

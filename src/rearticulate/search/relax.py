@@ -50,6 +50,6 @@ def relax(
         model = repair_poses(frames, canonical, model, rng, told=restart)
     if found <= config.max_parts:
         start = make_bodies(frames, model.T, model.labels)
-        model = to_relaxed(explain(frames, canonical, start, config, told=search)[0], len(model.labels))
+        model = to_relaxed(explain(frames, canonical, start, config, told=search), len(model.labels))
     progress("segment", 1.0)
     return replace(model, found=found)
