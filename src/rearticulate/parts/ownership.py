@@ -129,10 +129,10 @@ def exchange(frames: Frames, bodies: Bodies, tried: Bodies = (), told: Told = un
     state = Ownership(frames, bodies, labels, normals, all_misfits(bodies, M, frames.noise), borders)
     edge = np.bincount(borders.i, borders.cost, minlength=M) + np.bincount(borders.j, borders.cost, minlength=M)
     near = candidates_near(frames, labels, P, FAR)
-    chosen = np.flatnonzero(fresh(bodies, tried))
+    chosen = [p for p, new in enumerate(fresh(bodies, tried)) if new]
     for p, told_one in zip(chosen, steps(told, len(chosen)), strict=True):
         told_one(0.0)
-        members_of, fits, layer, planes = _layers(frames, state, int(p), near[:, p])
+        members_of, fits, layer, planes = _layers(frames, state, p, near[:, p])
         sizes = np.bincount(layer[layer >= 0], minlength=1)
         for k in np.argsort(-sizes, kind="stable"):
             if sizes[k] < LEAST_LAYER:
