@@ -122,6 +122,33 @@ def test_a_sweep_leaves_a_body_that_is_right(hinge: Case) -> None:
     assert np.abs(poses(after)[..., :3, 3] - poses(before)[..., :3, 3]).max() < 0.3
 
 
+def drawers(slides: tuple[np.ndarray, np.ndarray]) -> Case:
+    """A plate at rest and two drawers below it, one above the other, that slide along x: two walls and a front."""
+    rng, clouds, labels = np.random.default_rng(2), [], []
+    for first, second in zip(*slides, strict=True):
+        plate = np.column_stack([rng.uniform(-9, 9, 900), rng.uniform(-9, 9, 900), np.full(900, 4.0)])
+        both = []
+        for height, slide in ((0.0, first), (-4.2, second)):
+            wall = np.column_stack([rng.uniform(-6, 6, 450), rng.choice([-3.0, 3.0], 450), rng.uniform(-2, 2, 450)])
+            front = np.column_stack([np.full(150, 6.0), rng.uniform(-3, 3, 150), rng.uniform(-2, 2, 150)])
+            both.append(np.concatenate([wall, front]) + np.array([slide, 0, height]))
+        clouds.append(np.concatenate([plate, *both]))
+        labels.append(np.repeat([0, 1, 2], [900, 600, 600]))
+    frames = make_frames(clouds)
+    T = np.tile(np.eye(4), (len(clouds), 3, 1, 1))
+    T[:, 1, 0, 3], T[:, 2, 0, 3] = ((slide - slide[0]) / frames.unit for slide in slides)
+    return frames, T, np.concatenate(labels)[frames.order]
+
+
+def test_a_drawer_that_was_taken_for_another_is_split_from_it_though_its_walls_slide_in_themselves() -> None:
+    found = drawers((np.array([0.0, 2.0, 1.0, 3.0]), np.array([0.0, 0.5, 3.5, 1.0])))
+    frames, T, labels = found
+    lump = make_bodies(frames, T[:, :2], np.minimum(labels, 1))
+    apart = split_bodies(frames, 0, lump)
+    assert agreement(found, lump) < 0.9 and agreement(found, apart) > 0.95
+    assert score(frames, apart) < score(frames, lump)
+
+
 def spoilt(found: Case, share: float, seed: int = 0) -> np.ndarray:
     """Labels of which patches are wrong."""
     frames, T, labels = found

@@ -17,8 +17,8 @@ from rearticulate.errors import InputError
 from rearticulate.io.check import check_sequence
 from rearticulate.io.stages import StageStore
 from rearticulate.joints.articulated import Articulated
-from rearticulate.joints.spherical import BallTree
 from rearticulate.methods.device import choose_device
+from rearticulate.methods.paper.spherical import BallTree
 from rearticulate.methods.problem import Candidate, Problem, Start
 from rearticulate.methods.registry import articulate_by, relax_by
 from rearticulate.observe.flow import SceneFlow
@@ -68,7 +68,7 @@ def fit(
 ) -> FitResult:
     """Fit a rearticulable model to a sequence.
 
-    canonical: the rest frame; None tries a few and keeps the lowest energy. progress(stage, fraction done of it).
+    canonical: the rest frame; None tries a few and keeps the best. progress(stage, fraction done of it).
     store: where stage records are kept so that a stopped fit can go on. device: auto, cpu, or cuda, for the paper's
     solver (`methods.device`). Raises InputError on a sequence that cannot be fitted. The same seed gives the same bits
     on one type of CPU (`FitResult.machine`).

@@ -290,9 +290,10 @@ class FitResult:
 
     labels:   one (N_f,) array a frame: part of every point of the input sequence.
     joints:   one record a part (the root's is empty of meaning).
-    energy:   what canonical frames are chosen by, lowest first; energies: of every one that was tried. From the direct
-              solver the score a point (`parts.bodies.score`); from the paper's E_project + E_group (its supplement), of
-              an object scaled to `deviation.radius`: the two do not compare.
+    energy:   how badly the points are explained. From the direct solver the score a point (`parts.bodies.score`); from
+              the paper's E_project + E_group (its supplement), of an object scaled to `deviation.radius`: the two do
+              not compare. energies: what canonical frames were chosen by, the lowest first: of the direct solver before
+              there are joints.
     residual: (F,) mean distance of the moved canonical points to each frame's points, m; sampling: (F,) what it would
               be for an exact model, for the points of two samples of one surface lie apart. None in older files.
     relaxed:  the parts before they were joined; not kept in files.

@@ -21,10 +21,10 @@ def residual_chart(result: FitResult) -> Figure:
 
 
 def energy_chart(result: FitResult) -> Figure:
-    """Label-free energy of every canonical frame that was tried."""
+    """What canonical frames were chosen by, of every one that was tried."""
     frames = sorted(result.energies)
     values = [result.energies[f] for f in frames]
-    figure = _bars(frames, values, result.model.canonical, "canonical frame", "spacings")
+    figure = _bars(frames, values, result.model.canonical, "canonical frame", "energy")
     figure["layout"]["xaxis"]["tickvals"] = frames
     return figure
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from rearticulate.config import DeviationConfig
 from rearticulate.geometry.kinematics import chain
 from rearticulate.geometry.se3 import exp_se3, log_so3
-from rearticulate.joints.deviation import Parts, centred, least_tree
 from rearticulate.joints.tree import number_parts
+from rearticulate.methods.paper.deviation import Parts, centred, least_tree
 from rearticulate.observe.frames import Frames
 from rearticulate.parts.relaxed import Relaxed, register_to_fused
 from rearticulate.records import JointDiagnostics
