@@ -25,8 +25,7 @@ NEIGHBOURS = 8
 COMPONENTS = 6  # tried, at most
 AROUND = 3.0  # spacings; a second body begins with the points that near a region
 PROMISE = 0.1  # fall of a point's misfit in a region under a motion of its own that is worth a try
-TRIES, ROUNDS = 2, 8
-OPEN = 2  # first rounds, in which all points may confirm either motion: what fits both goes where borders are short
+TRIES, ROUNDS, INNER = 2, 4, 2
 HOPELESS = 4.0  # prices; growth of the score after a round beyond which there are no more
 APART, SCALES = (0.8, 0.3), (0.4,)  # robust scales of registrations of components, and of two that were one
 SETTLED = 5e-3
@@ -106,21 +105,21 @@ def separate(
     inner = (i >= 0) & (j >= 0)
     within, labels, motions = Borders(i[inner], j[inner], borders.cost[inner]), second.astype(np.int64), [body.T, T]
     two: list[Body] = []
-    for k in range(ROUNDS):
+    for _ in range(ROUNDS):
         before = labels
-        if min(len(labels) - labels.sum(), labels.sum()) < least:
-            return nothing(body)
-        two = [make_body(frames, body.rows[labels == p], motions[p]) for p in (0, 1)]
-        if k % 2 == 0:
-            two = [register(frames, canonical, each, SCALES) for each in two]
-            motions = [each.T for each in two]
-        whose = two if k >= OPEN else [make_body(frames, body.rows, each.T) for each in two]
-        cost = np.stack([misfits(*each.carry(frames, body.rows), each, frames.noise) for each in whose], axis=1)
-        labels = expand(cost, expand(cost, labels, within, 1), within, 0)
+        for k in range(INNER):
+            if min(len(labels) - labels.sum(), labels.sum()) < least:
+                return nothing(body)
+            two = [make_body(frames, body.rows[labels == p], motions[p]) for p in (0, 1)]
+            if k == 0:
+                two = [register(frames, canonical, each, SCALES) for each in two]
+                motions = [each.T for each in two]
+            cost = np.stack([misfits(*each.carry(frames, body.rows), each, frames.noise) for each in two], axis=1)
+            labels = expand(cost, expand(cost, labels, within, 1), within, 0)
         value = cost[np.arange(len(labels)), labels].sum() + within.between(labels)
-        if k >= OPEN and value > now + HOPELESS * price(frames):
+        if value > now + HOPELESS * price(frames):
             return nothing(body)
-        if k >= OPEN and np.mean(labels != before) < SETTLED:
+        if np.mean(labels != before) < SETTLED:
             break
     if min(len(labels) - labels.sum(), labels.sum()) < least:
         return nothing(body)
