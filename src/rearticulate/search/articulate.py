@@ -30,7 +30,7 @@ from rearticulate.search.moves.combine import combine_bodies
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
-HYPOTHESES = 3  # of the structure, at most
+HYPOTHESES = 2  # of the structure, at most
 FIRST_ROUNDS, MORE_ROUNDS = 2, 2  # of labels and motions, at most: from every start, and from the better one
 LAST_ROUNDS = 2  # of labels by own-part evidence and motions by all points
 SETTLED = 0.015  # share of points that change their label in the last round
