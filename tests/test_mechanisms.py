@@ -20,6 +20,7 @@ from rearticulate.synth.articulated import record
 HOME = {  # the function that a mechanism is, in the module that calls it
     "network": "parts.matched_starts.MatchedStarts.possible",
     "pose repair": "search.relax.repair_poses",
+    "part at rest": "search.relax.part_at_rest",
     "small middles": "joints.project._replace_small_middles",
     "hidden links": "joints.project.hidden_links",
     "joint repair": "search.articulate.repair_joints",

@@ -17,6 +17,7 @@ from rearticulate.jsons import read_json
 Mechanism = Literal[
     "network",  # matches of the correspondence network, as a start of the tracking where a frame fits badly
     "pose repair",  # restarts of lost parts before there is a tree
+    "part at rest",  # points that stand still, where a body of revolution hides them
     "small middles",  # a small part as the middle link of a chain between its neighbours
     "hidden links",  # links without points of their own
     "joint repair",  # restarts and sweeps of joints, under a tree
