@@ -44,14 +44,13 @@ def _named_frames(path: Path, archive: Archive) -> Iterator[tuple[str, Points]]:
     if whole and len(archive.header(whole).shape) != 2:
         yield from _frames_of_array(path, archive[whole])
         return
-    for name in in_order(_frame_names(path, archive)):
+    for name in in_order(_frame_names(path, archive, files)):
         yield name, archive[name]
 
 
-def _frame_names(path: Path, archive: Archive) -> list[str]:
-    """The arrays that are frames, one a frame."""
+def _frame_names(path: Path, archive: Archive, files: list[str]) -> list[str]:
+    """Those of these arrays that are frames, one a frame."""
     groups: dict[str, list[str]] = {}
-    files = [name for name in archive.files if not is_of_sensors(name)]
     for name in files:
         groups.setdefault(re.sub(r"\d+", "0", name), []).append(name)
     for pattern in ("points", "points_0"):

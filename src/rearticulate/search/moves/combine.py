@@ -12,7 +12,7 @@ from rearticulate.observe.body import Body, alike, make_body, own_misfits
 from rearticulate.observe.frames import Frames
 from rearticulate.parallel import each
 from rearticulate.parts.bodies import LEAST, Bodies, labels_of, own_normals, price
-from rearticulate.parts.cuts import sheet_borders
+from rearticulate.parts.cuts import Borders, sheet_borders
 from rearticulate.parts.relaxed import Relaxed
 
 Array = NDArray[np.floating]
@@ -27,14 +27,20 @@ def combine_bodies(frames: Frames, canonical: int, bodies: Bodies, others: Seque
         for p in range(model.n_parts)
         if len(rows := np.flatnonzero(model.labels == p)) >= LEAST * frames.n_frames
     ]
+    M = len(frames.points)
+    borders = sheet_borders(frames, own_normals(bodies, M))
     for candidate in sorted(candidates, key=len):
-        if not any(alike(candidate, body) for body in bodies):
-            bodies = _with(frames, bodies, candidate)
+        if any(alike(candidate, body) for body in bodies):
+            continue
+        after = _with(frames, bodies, candidate, borders)
+        if after is not bodies:
+            bodies, borders = after, sheet_borders(frames, own_normals(after, M))
     return bodies
 
 
-def _with(frames: Frames, bodies: Bodies, new: Body) -> Bodies:
-    """The bodies and the new one, which takes its points from them, if that lowers the score; else the bodies."""
+def _with(frames: Frames, bodies: Bodies, new: Body, borders: Borders) -> Bodies:
+    """The bodies and the new one, which takes its points from them, if that lowers the score; else the bodies.
+    borders: between points as the bodies have them."""
     M, noise = len(frames.points), frames.noise
     taken = np.zeros(M, dtype=bool)
     taken[new.rows] = True
@@ -46,7 +52,6 @@ def _with(frames: Frames, bodies: Bodies, new: Body) -> Bodies:
         new = make_body(frames, np.sort(np.concatenate([new.rows, *(crumb.rows for crumb in crumbs)])), new.T)
     kept = tuple(body for body in bodies if not taken[body.rows].any())
     after = (*kept, *rests, new)
-    borders = sheet_borders(frames, own_normals(bodies, M))
     change = borders.between(labels_of(after, M)) - borders.between(labels_of(bodies, M))
     change += price(frames) * (len(after) - len(bodies))
     misfit = each(lambda body: float(own_misfits(body, noise).sum()), [*rests, new, *losers])

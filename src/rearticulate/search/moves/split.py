@@ -38,9 +38,10 @@ def split_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies =
 
     def parts(body: Body, other: Body | None) -> Bodies:
         """What becomes of one body; what was split may be split again."""
-        options = [by_components(frames, canonical, body), *by_regions(frames, canonical, body, other, borders)]
+        now = float(own_misfits(body, frames.noise).sum())
+        options = [by_components(frames, canonical, body), *by_regions(frames, canonical, body, other, borders, now)]
         cost, first, second = min(options, key=lambda two: two[0])
-        if float(own_misfits(body, frames.noise).sum()) - cost < price(frames):
+        if now - cost < price(frames):
             return (body,)
         return (*parts(first, second), *parts(second, first))
 
@@ -78,16 +79,18 @@ def by_components(frames: Frames, canonical: int, body: Body) -> Two:
     return best
 
 
-def by_regions(frames: Frames, canonical: int, body: Body, other: Body | None, borders: Borders) -> list[Two]:
+def by_regions(
+    frames: Frames, canonical: int, body: Body, other: Body | None, borders: Borders, now: float
+) -> list[Two]:
     """Splits that begin with a region that a motion of its own explains better. other: a body that it may move
-    against."""
+    against. now: misfit of the body."""
     regions = regions_of(body, canonical)
     tries = registered(frames, canonical, body, regions)
     tries = sorted((found for found in tries if found.gain > PROMISE), key=lambda found: -found.gain)[:TRIES]
     if len(regions):
         for twist, far in directions(canonical, body, other):
             tries += swept(canonical, body, regions, frames.noise, twist, far, TRIES)
-    now, out = float(own_misfits(body, frames.noise).sum()), []
+    out = []
     for found in tries:
         second = nearest(search_tree(body.z[found.rows]), body.z, within=AROUND)[0] < AROUND
         out.append(separate(frames, canonical, body, second, found.T, borders, now))
