@@ -6,10 +6,12 @@ One exponential serves revolute, prismatic and general screws: no branch at q = 
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.floating]
+IntArray = NDArray[np.integer]
 
 _SMALL = 1e-4  # below this angle the Taylor series is exact to round-off
 _RIGID = 1e-5
@@ -131,13 +133,39 @@ def adjoint(T: Array) -> Array:
 
 def transform(T: Array, x: Array) -> Array:
     """Apply T (4, 4) or one transform a point (N, 4, 4), with any leading axes, to points (N, 3)."""
-    if T.ndim == 2:
-        return x @ T[:3, :3].T + T[:3, 3]
-    return np.einsum("...ij,...j->...i", T[..., :3, :3], x) + T[..., :3, 3]
+    return rotate(T, x) + (T[:3, 3] if T.ndim == 2 else T[..., :3, 3])
 
 
 def rotate(T: Array, n: Array) -> Array:
     """As `transform`, for directions."""
     if T.ndim == 2:
         return n @ T[:3, :3].T
+    if T.shape[-3] == 1:  # one for all points
+        return n @ np.swapaxes(T[..., 0, :3, :3], -1, -2)
     return np.einsum("...ij,...j->...i", T[..., :3, :3], n)
+
+
+@numba.njit(cache=True, nogil=True)
+def _each(T, which, x, shift):
+    out = np.empty_like(x)
+    for i in range(len(x)):
+        k = which[i]
+        for a in range(3):
+            out[i, a] = T[k, a, 0] * x[i, 0] + T[k, a, 1] * x[i, 1] + T[k, a, 2] * x[i, 2] + shift * T[k, a, 3]
+    return out
+
+
+def transform_by(T: Array, which: IntArray | tuple[IntArray, ...], x: Array) -> Array:
+    """Apply T[which] (N, 4, 4) of T (..., 4, 4) to points (N, 3)."""
+    return _by(T, which, x, 1.0)
+
+
+def rotate_by(T: Array, which: IntArray | tuple[IntArray, ...], n: Array) -> Array:
+    """As `transform_by`, for directions."""
+    return _by(T, which, n, 0.0)
+
+
+def _by(T: Array, which: IntArray | tuple[IntArray, ...], x: Array, shift: float) -> Array:
+    if isinstance(which, tuple):
+        which = np.ravel_multi_index(which, T.shape[:-2])
+    return _each(np.ascontiguousarray(T).reshape(-1, 4, 4), which, np.ascontiguousarray(x), shift)

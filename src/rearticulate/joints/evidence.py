@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.geometry.nearest import contact, nearest
-from rearticulate.geometry.se3 import transform
+from rearticulate.geometry.se3 import transform_by
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import INFORMATION_SIGMA, Fused, fuse, points_behind
 from rearticulate.observe.views import Views
@@ -61,7 +61,7 @@ def plane_noise(frames: Frames, canonical: int, model: Relaxed) -> float:
     residuals = []
     for f in (canonical - 1, canonical + 1):
         if 0 <= f < frames.n_frames:
-            y = transform(model.T[f, labels], frames.points[rows])
+            y = transform_by(model.T[f], labels, frames.points[rows])
             j = nearest(frames.trees[f], y)[1]
             residuals.append(
                 np.abs(np.einsum("ij,ij->i", y - frames.trees[f].data[j], frames.normals[frames.rows(f)][j]))

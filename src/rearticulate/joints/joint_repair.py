@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rearticulate.geometry.kinematics import forward_kinematics, joint_jacobian, subtree
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.robust import geman_mcclure
-from rearticulate.geometry.se3 import rotate, transform
+from rearticulate.geometry.se3 import rotate, rotate_by, transform, transform_by
 from rearticulate.joints.articulated import Articulated
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.register import Schedule, fit_cost, match, normal_equations
@@ -128,7 +128,7 @@ class JointRepairer:
         limit = np.where(self.model.revolute, 0.15, 5.0)
         for i in range(JOINT_SCHEDULE.iterations):
             T = self._forward(f, q)
-            y, ny = transform(T[config, label], self.x[point]), rotate(T[config, label], self.nx[point])
+            y, ny = transform_by(T, (config, label), self.x[point]), rotate_by(T, (config, label), self.nx[point])
             z, nz, d, r, agreement = match(tree, normals, y, ny)
             w = geman_mcclure(r * r + 0.1 * d * d, JOINT_SCHEDULE.scale(i)) * np.where(agreement > 0.4, agreement, 0.05)
             H, g = normal_equations(y, z, nz, w, JOINT_SCHEDULE.point_share * w, config * P + label, C * P)

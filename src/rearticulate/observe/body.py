@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from rearticulate.geometry.cells import sort_into_cells
 from rearticulate.geometry.robust import geman_mcclure
-from rearticulate.geometry.se3 import exp_se3, inverse, rotate, transform
+from rearticulate.geometry.se3 import exp_se3, inverse, rotate_by, transform_by
 from rearticulate.observe.frames import NOISE_FLOOR, Frames
 from rearticulate.observe.misfit import evidence_frames
 from rearticulate.observe.planes import plane_layers, surroundings
@@ -32,6 +32,7 @@ EVIDENCE_FRAMES = 6  # that a point is looked for in, at most
 REACH = 3.0  # within it a frame has a point of the same surface
 WITHIN = 0.7  # per squared spacing: half of what the nearest of fresh points in the plane costs, 2 pi density
 DENIED = 9.0  # misfit of a point that a frame does not confirm
+VAGUE = 6.0  # misfit up to which a point is not denied: it may have a neighbour that the draw missed
 NONE, HERE = -1, -2  # instead of a partner: the frame has none, or is the point's own
 ASKED = 3000  # points of a body that take part in a registration
 INNER = 3
@@ -64,12 +65,13 @@ class Body:
     def carry(self, frames: Frames, rows: IntArray) -> tuple[Array, IntArray]:
         """Any points (n,) as if they were the body's: carried to the canonical frame (n, 3), and their frames (n,)."""
         frame = frames.frame[rows]
-        return transform(inverse(self.T)[frame], frames.points[rows]), frame
+        return transform_by(inverse(self.T), frame, frames.points[rows]), frame
 
     def moved(self, T: Array) -> Body:
         """The same points under another motion (F, 4, 4)."""
-        D = (inverse(T) @ self.T)[self.frame]
-        return replace(self, T=T, z=transform(D, self.z), normals=rotate(D, self.normals))
+        D = inverse(T) @ self.T
+        z, normals = transform_by(D, self.frame, self.z), rotate_by(D, self.frame, self.normals)
+        return replace(self, T=T, z=z, normals=normals)
 
 
 def join(a: Body, b: Body) -> Body:
@@ -86,14 +88,16 @@ def join(a: Body, b: Body) -> Body:
 def carried(frames: Frames, rows: IntArray, T: Array, normals: Array) -> Body:
     """The body of these points under this motion, with known normals (M, 3) of all points in their frames."""
     frame = frames.frame[rows]
-    back = inverse(T)[frame]
-    return Body(rows, frame, T, transform(back, frames.points[rows]), rotate(back, normals[rows]))
+    back = inverse(T)
+    return Body(
+        rows, frame, T, transform_by(back, frame, frames.points[rows]), rotate_by(back, frame, normals[rows])
+    )
 
 
 def make_body(frames: Frames, rows: IntArray, T: Array) -> Body:
     """The body of these points under this motion, with new normals."""
     frame = frames.frame[rows]
-    z = transform(inverse(T)[frame], frames.points[rows])
+    z = transform_by(inverse(T), frame, frames.points[rows])
     near = surroundings(z)
     return Body(rows, frame, T, z, plane_layers(z, near)[1], near)
 
@@ -153,6 +157,17 @@ def misfits(z: Array, frame: IntArray, body: Body, noise: float) -> Array:
 def own_misfits(body: Body, noise: float, asked: IntArray | slice = slice(None)) -> Array:
     """(n,) of the body's own points, or of those asked."""
     return misfits(body.z[asked], body.frame[asked], body, noise)
+
+
+def denied(misfit: Array) -> Array:
+    """What counts of misfits where surfaces that slide in themselves are to be told: only that nothing is near."""
+    return np.maximum(misfit - VAGUE, 0.0) * (DENIED / (DENIED - VAGUE))
+
+
+def denials(body: Body, noise: float) -> Array:
+    """(n,) what counts of the misfits of a body's own points (`denied`), mean over the other frames."""
+    misfit, partner = partners(body.z, body.frame, body, noise)
+    return denied(misfit).sum(axis=1) / np.maximum((partner != HERE).sum(axis=1), 1)
 
 
 def pair_equations(body: Body, sigma: float, stride: int = 1) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.robust import geman_mcclure
-from rearticulate.geometry.se3 import adjoint, inverse, transform
+from rearticulate.geometry.se3 import adjoint, inverse, transform_by
 from rearticulate.observe.frames import Frames, smallest_direction
 from rearticulate.observe.register import normal_equations
 
@@ -27,7 +27,7 @@ INFORMATION_SIGMA = 0.56  # robust scale at which the information of a pose is t
 
 def to_canonical(frames: Frames, T: Array, labels: IntArray) -> Array:
     """(M, 3) every point of every frame carried back to the canonical frame by its part."""
-    return transform(inverse(T)[frames.frame, labels], frames.points)
+    return transform_by(inverse(T), (frames.frame, labels), frames.points)
 
 
 def apart(z: Array, label: IntArray) -> Array:
@@ -82,7 +82,7 @@ def match_fused(
     nearest fused point z of its part from another frame, the normal there, and the distance."""
     rows = np.flatnonzero(frames.frame != canonical)[::stride]
     labels, frame = fused.labels[rows], frames.frame[rows]
-    y = transform(inverse(T)[frame, labels], frames.points[rows])
+    y = transform_by(inverse(T), (frame, labels), frames.points[rows])
     z, n, d = fused.nearest_of_other_frames(y, labels, frame)
     found = d < FUSED_REACH
     return rows[found], y[found], z[found], n[found], d[found]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.geometry.nearest import nearest, search_tree
-from rearticulate.geometry.se3 import inverse, transform
+from rearticulate.geometry.se3 import inverse, transform_by
 from rearticulate.observe.frames import Frames
 
 Array = NDArray[np.floating]
@@ -30,11 +30,11 @@ def point_misfit(
     rows = np.arange(len(frames.points)) if rows is None else rows
     targets = evidence_frames(frames.n_frames) if targets is None else targets
     frame = frames.frame[rows]
-    z = transform(inverse(T)[frame, labels], frames.points[rows])
+    z = transform_by(inverse(T), (frame, labels), frames.points[rows])
     total, count = np.zeros(len(z)), np.zeros(len(z))
     for f in targets:
         away = np.flatnonzero(frame != f)
-        y = transform(T[f, labels[away]], z[away])
+        y = transform_by(T[f], labels[away], z[away])
         d, j = nearest(frames.trees[f], y)
         r = np.abs(np.einsum("ij,ij->i", y - frames.trees[f].data[j], frames.normals[frames.rows(f)][j]))
         total[away] += np.minimum(d, 1.6) + 0.25 * np.minimum(r / 0.28, 3.0)
@@ -58,5 +58,5 @@ def frame_residual(frames: Frames, canonical: int, T: Array, labels: IntArray) -
     rows = frames.rows(canonical)
     out = np.zeros(frames.n_frames)
     for f in range(frames.n_frames):
-        out[f] = nearest(frames.trees[f], transform(T[f, labels[rows]], frames.points[rows]))[0].mean()
+        out[f] = nearest(frames.trees[f], transform_by(T[f], labels[rows], frames.points[rows]))[0].mean()
     return out

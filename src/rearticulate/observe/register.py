@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 
 from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.robust import geman_mcclure
-from rearticulate.geometry.se3 import exp_se3, rotate, transform
+from rearticulate.geometry.se3 import exp_se3, rotate_by, transform_by
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -112,7 +112,7 @@ def register_bodies(
     for i in range(schedule.iterations):
         rows = np.flatnonzero(active[body])
         sigma, part = schedule.scale(i), body[rows]
-        y, ny = transform(T[part], points[rows]), rotate(T[part], normals[rows])
+        y, ny = transform_by(T, part, points[rows]), rotate_by(T, part, normals[rows])
         z, nz, d, r, agreement = match(tree, target_normals, y, ny, schedule.max_distance)
         found = np.isfinite(d)
         d = np.where(found, d, 0.0)

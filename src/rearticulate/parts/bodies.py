@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.geometry.se3 import adjoint, inverse, rotate
+from rearticulate.geometry.se3 import adjoint, inverse, rotate_by
 from rearticulate.observe.body import Body, alike, carried, make_body, own_misfits, pair_equations, register, renewed
 from rearticulate.observe.frames import Frames
 from rearticulate.parallel import each
@@ -65,7 +65,7 @@ def own_normals(bodies: Bodies, M: int) -> Array:
     """(M, 3) normals of all points, in their frames."""
     out = np.empty((M, 3))
     for body in bodies:
-        out[body.rows] = rotate(body.T[body.frame], body.normals)
+        out[body.rows] = rotate_by(body.T, body.frame, body.normals)
     return out
 
 

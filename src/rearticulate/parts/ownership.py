@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.geometry.se3 import rotate
+from rearticulate.geometry.se3 import rotate_by
 from rearticulate.observe.body import REACH, Body, carried, misfits, own_misfits
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.planes import plane_layers
@@ -156,4 +156,4 @@ def _layers(
     fits = own_misfits(anyone, frames.noise)
     kept = np.flatnonzero((fits < FITS) | (state.labels[rows] == p))
     layer, planes = plane_layers(anyone.z[kept])
-    return rows[kept], fits[kept], layer, rotate(anyone.T[anyone.frame[kept]], planes)
+    return rows[kept], fits[kept], layer, rotate_by(anyone.T, anyone.frame[kept], planes)

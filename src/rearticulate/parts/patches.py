@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rearticulate.config import FitConfig
 from rearticulate.geometry.nearest import farthest_points, nearest, search_tree
 from rearticulate.geometry.robust import geman_mcclure
-from rearticulate.geometry.se3 import exp_se3, inverse, rotate, transform
+from rearticulate.geometry.se3 import exp_se3, inverse, rotate_by, transform_by
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.register import match, normal_equations
 from rearticulate.observe.views import HIDDEN
@@ -196,8 +196,8 @@ def _hidden(frames: Frames, f: int, y: Array, d: Array) -> NDArray[np.bool_]:
 
 def _match_forward(frames: Frames, patches: Patches, f: int, T: Array, sigma: float):
     """Normal equations of patch points to the nearest points of frame f, but of those that it hides."""
-    y = transform(T[patches.patch], patches.points[patches.member])
-    ny = rotate(T[patches.patch], patches.normals[patches.member])
+    y = transform_by(T, patches.patch, patches.points[patches.member])
+    ny = rotate_by(T, patches.patch, patches.normals[patches.member])
     z, nz, d, r, agreement = match(frames.trees[f], frames.normals[frames.rows(f)], y, ny)
     w = geman_mcclure(0.5 * (r * r + d * d), sigma) * np.where(agreement > 0.4, agreement, 0.02) * patches.weight
     w *= ~_hidden(frames, f, y, d)
@@ -208,8 +208,8 @@ def _match_backward(frames: Frames, patches: Patches, f: int, T: Array, sigma: f
     """Normal equations of the points of frame f to their nearest patch points: what is observed must be explained,
     unless the canonical frame hides it."""
     tree, target_normals = frames.trees[f], frames.normals[frames.rows(f)]
-    y = transform(T[patches.owner], patches.points)
-    ny = rotate(T[patches.owner], patches.normals)
+    y = transform_by(T, patches.owner, patches.points)
+    ny = rotate_by(T, patches.owner, patches.normals)
     d, j = nearest(search_tree(y), tree.data)
     agreement = np.abs(np.einsum("ij,ij->i", ny[j], target_normals))
     w = geman_mcclure(d * d, 1.5 * sigma) * np.maximum(agreement, 0.1) * 0.64 * patches.count / tree.n
@@ -222,7 +222,7 @@ def _newly_seen(frames: Frames, patches: Patches, T: Array, z: Array, d: Array, 
     where these patches bring them to it."""
     if frames.views is None:
         return np.zeros(len(z), dtype=bool)
-    return _hidden(frames, patches.canonical, transform(inverse(T)[patches.owner[j]], z), d)
+    return _hidden(frames, patches.canonical, transform_by(inverse(T), patches.owner[j], z), d)
 
 
 def register_patches(
@@ -250,7 +250,7 @@ def register_patches(
 
 
 def _two_sided_cost(frames: Frames, patches: Patches, T: Array, f: int) -> float:
-    y = transform(T[patches.owner], patches.points)
+    y = transform_by(T, patches.owner, patches.points)
     tree = frames.trees[f]
     there, (back, j) = nearest(tree, y)[0], nearest(search_tree(y), tree.data)
     there = np.where(_hidden(frames, f, y, there), UNSEEN, np.minimum(there, 4))

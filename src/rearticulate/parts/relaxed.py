@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.geometry.nearest import nearest, search_tree
-from rearticulate.geometry.se3 import exp_se3, transform
+from rearticulate.geometry.se3 import exp_se3, transform, transform_by
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import fuse, fused_equations
 from rearticulate.observe.register import CONVERGED, Schedule, register_bodies, solve_twists
@@ -48,7 +48,7 @@ def spread_labels(frames: Frames, canonical: int, T: Array, labels: IntArray) ->
     rows = frames.rows(canonical)
     out = np.empty(len(frames.points), dtype=np.int64)
     for f in range(frames.n_frames):
-        moved = transform(T[f, labels], frames.points[rows])
+        moved = transform_by(T[f], labels, frames.points[rows])
         out[frames.rows(f)] = labels[nearest(search_tree(moved), frames.points[frames.rows(f)])[1]]
     out[rows] = labels
     return out

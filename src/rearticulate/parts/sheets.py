@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.geometry.nearest import nearest, search_tree
-from rearticulate.geometry.se3 import inverse, transform
+from rearticulate.geometry.se3 import inverse, transform_by
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import apart
 from rearticulate.observe.planes import draw_pair, first_state
@@ -98,7 +98,7 @@ def sheet_evidence(frames: Frames, T: Array, candidates: NDArray[np.bool_], thic
     thickness: of a sheet, in spacings.
     """
     point, part = np.nonzero(candidates)
-    z = transform(inverse(T)[frames.frame[point], part], frames.points[point])
+    z = transform_by(inverse(T), (frames.frame[point], part), frames.points[point])
     keyed = apart(z, part)
     asked = np.flatnonzero((doubtful(candidates)[:, None] & candidates)[point, part])
     out = np.where(candidates, 0.0, IMPOSSIBLE)

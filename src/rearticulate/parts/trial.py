@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.geometry.nearest import nearest, search_tree
-from rearticulate.geometry.se3 import rotate, transform
+from rearticulate.geometry.se3 import rotate_by, transform_by
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.register import Schedule, fit_cost, register_bodies
 from rearticulate.parts.cluster import adjacent_labels
@@ -41,7 +41,7 @@ class Trials:
 
     def cost(self, f: int, point: IntArray, body: IntArray, T: Array) -> Array:
         """(n,) misfit in frame f of canonical points `point` carried by T[body]."""
-        y, ny = transform(T[body], self.x[point]), rotate(T[body], self.nx[point])
+        y, ny = transform_by(T, body, self.x[point]), rotate_by(T, body, self.nx[point])
         return fit_cost(self.frames.trees[f], self.frames.normals[self.frames.rows(f)], y, ny)
 
     def register(self, f: int, point: IntArray, body: IntArray, T: Array, schedule: Schedule) -> tuple[Array, Array]:

@@ -8,12 +8,13 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from rearticulate.geometry.nearest import nearest, search_tree
-from rearticulate.observe.body import Body, make_body, misfits, own_misfits, register
+from rearticulate.observe.body import Body, denials, make_body, misfits, own_misfits, register
 from rearticulate.observe.frames import Frames
 from rearticulate.parallel import each
 from rearticulate.parts.bodies import Bodies, fresh, own_normals, price
 from rearticulate.parts.cuts import Borders, expand, sheet_borders
-from rearticulate.search.moves.regions import directions, regions_of, registered, swept
+from rearticulate.search.moves.regions import regions_of, registered
+from rearticulate.search.moves.slides import screws, slides
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -25,7 +26,8 @@ NEIGHBOURS = 8
 COMPONENTS = 6  # tried, at most
 AROUND = 3.0  # spacings; a second body begins with the points that near a region
 PROMISE = 0.1  # fall of a point's misfit in a region under a motion of its own that is worth a try
-TRIES, ROUNDS, INNER = 2, 4, 2
+TRIES, INNER = 2, 2
+LOCAL, WHOLE = (1.0,) * 4, (12.0, 3.0, 1.0, 1.0)  # strengths of borders, round by round: of regions, of whole sheets
 HOPELESS = 4.0  # prices; growth of the score after a round beyond which there are no more
 APART, SCALES = (0.8, 0.3), (0.4,)  # robust scales of registrations of components, and of two that were one
 SETTLED = 5e-3
@@ -39,7 +41,12 @@ def split_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies =
     def parts(body: Body, other: Body | None) -> Bodies:
         """What becomes of one body; what was split may be split again."""
         now = float(own_misfits(body, frames.noise).sum())
-        options = [by_components(frames, canonical, body), *by_regions(frames, canonical, body, other, borders, now)]
+        within = inside(borders, body, len(frames.points))
+        options = [
+            by_components(frames, canonical, body),
+            *by_regions(frames, canonical, body, within, now),
+            *by_slides(frames, canonical, body, other, within, now),
+        ]
         cost, first, second = min(options, key=lambda two: two[0])
         if now - cost < price(frames):
             return (body,)
@@ -50,6 +57,15 @@ def split_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies =
         return parts(bodies[p], max(others, key=len, default=None)) if new[p] else (bodies[p],)
 
     return tuple(part for found in each(work, range(len(bodies))) for part in found)
+
+
+def inside(borders: Borders, body: Body, M: int) -> Borders:
+    """Those within a body, by numbers of its points."""
+    number = np.full(M, -1)
+    number[body.rows] = np.arange(len(body))
+    i, j = number[borders.i], number[borders.j]
+    inner = (i >= 0) & (j >= 0)
+    return Borders(i[inner], j[inner], borders.cost[inner])
 
 
 def nothing(body: Body) -> Two:
@@ -79,36 +95,54 @@ def by_components(frames: Frames, canonical: int, body: Body) -> Two:
     return best
 
 
-def by_regions(
-    frames: Frames, canonical: int, body: Body, other: Body | None, borders: Borders, now: float
-) -> list[Two]:
-    """Splits that begin with a region that a motion of its own explains better. other: a body that it may move
-    against. now: misfit of the body."""
-    regions = regions_of(body, canonical)
-    tries = registered(frames, canonical, body, regions)
-    tries = sorted((found for found in tries if found.gain > PROMISE), key=lambda found: -found.gain)[:TRIES]
-    if len(regions):
-        for twist, far in directions(canonical, body, other):
-            tries += swept(canonical, body, regions, frames.noise, twist, far, TRIES)
+def by_regions(frames: Frames, canonical: int, body: Body, within: Borders, now: float) -> list[Two]:
+    """Splits that begin with a region that a motion of its own explains better. now: misfit of the body."""
+    tries = registered(frames, canonical, body, regions_of(body, canonical))
     out = []
-    for found in tries:
-        second = nearest(search_tree(body.z[found.rows]), body.z, within=AROUND)[0] < AROUND
-        out.append(separate(frames, canonical, body, second, found.T, borders, now))
+    for found in sorted((each for each in tries if each.gain > PROMISE), key=lambda found: -found.gain)[:TRIES]:
+        near = nearest(search_tree(body.z[found.rows]), body.z, within=AROUND)[0] < AROUND
+        out.append(separate(frames, canonical, body, near.astype(np.int64), found.T, within, LOCAL, now))
     return out
 
 
+def by_slides(frames: Frames, canonical: int, body: Body, other: Body | None, within: Borders, now: float) -> list[Two]:
+    """Splits that begin with a shift of the motion along one screw, for whatever is denied less so: whole sheets, since
+    their inner points fit both ways. other: a body that a part of this one may move against."""
+    out = []
+    for T in slides(canonical, body, frames.noise, screws(body, other), TRIES, price(frames)):
+        cost = np.stack([denials(make_body(frames, body.rows, motion), frames.noise) for motion in (body.T, T)], axis=1)
+        labels = np.zeros(len(body), dtype=np.int64)
+        for _ in range(INNER):
+            labels = both_ways(cost, labels, stronger(within, WHOLE[0]))
+        out.append(separate(frames, canonical, body, labels, T, within, WHOLE, now))
+    return out
+
+
+def both_ways(cost: Array, labels: IntArray, borders: Borders) -> IntArray:
+    """Labels (n,) of two after each has taken what it can."""
+    return expand(cost, expand(cost, labels, borders, 1), borders, 0)
+
+
+def stronger(borders: Borders, factor: float) -> Borders:
+    return Borders(borders.i, borders.j, factor * borders.cost)
+
+
 def separate(
-    frames: Frames, canonical: int, body: Body, second: NDArray[np.bool_], T: Array, borders: Borders, now: float
+    frames: Frames,
+    canonical: int,
+    body: Body,
+    labels: IntArray,
+    T: Array,
+    within: Borders,
+    strengths: tuple[float, ...],
+    now: float,
 ) -> Two:
-    """Two bodies in place of one: the second begins with these points (n,) and the motion T (F, 4, 4); then labels and
-    motions of the two in turn. now: misfit of the one body; it is given up early what costs far more."""
-    number, least = np.full(len(frames.points), -1), LEAST * frames.n_frames
-    number[body.rows] = np.arange(len(body))
-    i, j = number[borders.i], number[borders.j]
-    inner = (i >= 0) & (j >= 0)
-    within, labels, motions = Borders(i[inner], j[inner], borders.cost[inner]), second.astype(np.int64), [body.T, T]
+    """Two bodies in place of one: they begin with labels (n,), 1 for the second, which moves by T (F, 4, 4); then labels
+    and motions of the two in turn, under borders of these strengths. within: borders in the body, by numbers of its
+    points. now: misfit of the one body; it is given up early what costs far more."""
+    least, motions = LEAST * frames.n_frames, [body.T, T]
     two: list[Body] = []
-    for _ in range(ROUNDS):
+    for strength in strengths:
         before = labels
         for k in range(INNER):
             if min(len(labels) - labels.sum(), labels.sum()) < least:
@@ -118,11 +152,11 @@ def separate(
                 two = [register(frames, canonical, each, SCALES) for each in two]
                 motions = [each.T for each in two]
             cost = np.stack([misfits(*each.carry(frames, body.rows), each, frames.noise) for each in two], axis=1)
-            labels = expand(cost, expand(cost, labels, within, 1), within, 0)
+            labels = both_ways(cost, labels, stronger(within, strength))
         value = cost[np.arange(len(labels)), labels].sum() + within.between(labels)
-        if value > now + HOPELESS * price(frames):
+        if strength == 1 and value > now + HOPELESS * price(frames):
             return nothing(body)
-        if np.mean(labels != before) < SETTLED:
+        if strength == 1 and np.mean(labels != before) < SETTLED:
             break
     if min(len(labels) - labels.sum(), labels.sum()) < least:
         return nothing(body)
