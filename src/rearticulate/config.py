@@ -17,10 +17,9 @@ from rearticulate.jsons import read_json
 Mechanism = Literal[
     "network",  # matches of the correspondence network, as a start of the tracking where a frame fits badly
     "pose repair",  # restarts of lost parts before there is a tree
-    "part at rest",  # points that stand still, where a body of revolution hides them
     "small middles",  # a small part as the middle link of a chain between its neighbours
     "hidden links",  # links without points of their own
-    "joint repair",  # restarts and sweeps of joints, under a tree
+    "restart",  # parts that lost their pose in a frame start again, under a tree
     "simplify",  # joints that the data do not need are fixed
     "second look",  # other structures than the first, from more accurate motions
     "exchange",  # whole layers go to one body

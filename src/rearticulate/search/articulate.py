@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from rearticulate.config import FitConfig
 from rearticulate.joints.articulated import Articulated
-from rearticulate.joints.bundle import SIGMA, SIGMA_WIDE, bundle_adjust, last_sigma
-from rearticulate.joints.joint_repair import repair_joints
+from rearticulate.joints.bundle import SIGMA, SIGMA_WIDE, adjust_to_poses, bundle_adjust, last_sigma
 from rearticulate.joints.project import project
 from rearticulate.joints.seams import cut_seams
-from rearticulate.joints.simplify import simplify
+from rearticulate.joints.simplify import poses_of, simplify
 from rearticulate.joints.tree import Projection
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import surface_noise
@@ -22,6 +21,7 @@ from rearticulate.observe.misfit import point_misfit
 from rearticulate.parts.bodies import Bodies, labels_of, make_bodies, score_of, to_relaxed, without_crumbs
 from rearticulate.parts.ownership import exchange, relabel
 from rearticulate.parts.relaxed import Relaxed
+from rearticulate.parts.repair import repair_poses
 from rearticulate.parts.sheets import sheet_thickness
 from rearticulate.progress import Told, steps, untold
 from rearticulate.search.explain import explain
@@ -142,13 +142,27 @@ def adjust(
     hypothesis = hypotheses[0] if len(hypotheses) == 1 else best_of_both(frames, hypotheses, start.hidden)
     hypothesis = alternate(frames, canonical, hypothesis, thickness, config, MORE_ROUNDS, next(step))
     tree, labels = hypothesis.tree, hypothesis.labels
-    if config.uses("joint repair"):
-        tree, _ = repair_joints(frames, canonical, tree, labels, rng, next(step))
+    if config.uses("restart"):
+        tree = restart(frames, canonical, tree, labels, rng, next(step))
     tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,), told=next(step))
     if not config.uses("simplify"):
         return Hypothesis(tree, labels), score_of(frames, tree.forward(), labels)
     tree, labels, value = simplify(frames, canonical, tree, labels, next(step))
     return Hypothesis(tree, labels), value
+
+
+def restart(
+    frames: Frames,
+    canonical: int,
+    tree: Articulated,
+    labels: IntArray,
+    rng: np.random.Generator,
+    told: Told = untold,
+) -> Articulated:
+    """Parts that lost their pose in a frame start again, each by itself; the tree follows them."""
+    now = poses_of(frames, canonical, tree, labels)
+    T = repair_poses(frames, canonical, Relaxed(now.T, labels), rng, told).T
+    return adjust_to_poses(tree, canonical, np.arange(tree.n_parts), T, now.H)[0]
 
 
 def best_of_both(frames: Frames, hypotheses: list[Hypothesis], hidden: IntArray) -> Hypothesis:

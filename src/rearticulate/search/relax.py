@@ -21,7 +21,6 @@ from rearticulate.parts.relaxed import (
     spread_labels,
 )
 from rearticulate.parts.repair import repair_poses
-from rearticulate.parts.rest import part_at_rest
 from rearticulate.parts.trial import trial_merge
 from rearticulate.progress import steps
 from rearticulate.search.explain import explain
@@ -49,8 +48,6 @@ def relax(
     found, model = model.n_parts, largest_parts(frames, model, config.max_parts)
     if config.uses("pose repair"):
         model = repair_poses(frames, canonical, model, rng, told=restart)
-    if config.uses("part at rest"):
-        model = part_at_rest(frames, canonical, model)
     if found <= config.max_parts:
         start = make_bodies(frames, model.T, model.labels)
         model = to_relaxed(explain(frames, canonical, start, config, told=search), len(model.labels))

@@ -8,6 +8,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from rearticulate.geometry.nearest import nearest, search_tree
+from rearticulate.geometry.se3 import transform
 from rearticulate.observe.body import Body, denials, make_body, misfits, own_misfits, register
 from rearticulate.observe.frames import Frames
 from rearticulate.parallel import each
@@ -31,21 +32,25 @@ LOCAL, WHOLE = (1.0,) * 4, (12.0, 3.0, 1.0, 1.0)  # strengths of borders, round 
 HOPELESS = 4.0  # prices; growth of the score after a round beyond which there are no more
 APART, SCALES = (0.8, 0.3), (0.4,)  # robust scales of registrations of components, and of two that were one
 SETTLED = 5e-3
+MOVES, FEW = 1.0, 100  # spacings; where every body moves farther than this, a part of one may stand still; points asked
 
 
 def split_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies = ()) -> Bodies:
     """Every body that was not tried and pays as two is two."""
-    new = fresh(bodies, tried)
+    new, lively = fresh(bodies, tried), all(travel(body) > MOVES for body in bodies)
     borders = sheet_borders(frames, own_normals(bodies, len(frames.points)))
 
     def parts(body: Body, other: Body | None) -> Bodies:
         """What becomes of one body; what was split may be split again."""
         now = float(own_misfits(body, frames.noise).sum())
         within = inside(borders, body, len(frames.points))
+        motions = slides(canonical, body, frames.noise, screws(body, other), TRIES, price(frames))
+        if lively and travel(body) > MOVES:
+            motions.append(np.tile(np.eye(4), (frames.n_frames, 1, 1)))
         options = [
             by_components(frames, canonical, body),
             *by_regions(frames, canonical, body, within, now),
-            *by_slides(frames, canonical, body, other, within, now),
+            *by_motions(frames, canonical, body, motions, within, now),
         ]
         cost, first, second = min(options, key=lambda two: two[0])
         if now - cost < price(frames):
@@ -57,6 +62,12 @@ def split_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies =
         return parts(bodies[p], max(others, key=len, default=None)) if new[p] else (bodies[p],)
 
     return tuple(part for found in each(work, range(len(bodies))) for part in found)
+
+
+def travel(body: Body) -> float:
+    """How far the points move from the canonical frame, on average over points and frames."""
+    some = body.z[:: max(1, len(body) // FEW)]
+    return float(np.linalg.norm(transform(body.T[:, None], some) - some, axis=-1).mean())
 
 
 def inside(borders: Borders, body: Body, M: int) -> Borders:
@@ -105,11 +116,13 @@ def by_regions(frames: Frames, canonical: int, body: Body, within: Borders, now:
     return out
 
 
-def by_slides(frames: Frames, canonical: int, body: Body, other: Body | None, within: Borders, now: float) -> list[Two]:
-    """Splits that begin with a shift of the motion along one screw, for whatever is denied less so: whole sheets, since
-    their inner points fit both ways. other: a body that a part of this one may move against."""
+def by_motions(
+    frames: Frames, canonical: int, body: Body, motions: list[Array], within: Borders, now: float
+) -> list[Two]:
+    """Splits that begin with one of several second motions (F, 4, 4), for whatever is denied less so: whole sheets,
+    since their inner points may fit both ways."""
     out = []
-    for T in slides(canonical, body, frames.noise, screws(body, other), TRIES, price(frames)):
+    for T in motions:
         cost = np.stack([denials(make_body(frames, body.rows, motion), frames.noise) for motion in (body.T, T)], axis=1)
         labels = np.zeros(len(body), dtype=np.int64)
         for _ in range(INNER):
