@@ -17,7 +17,8 @@ from rearticulate.parts.relaxed import Relaxed
 from rearticulate.search.explain import explain
 from rearticulate.search.moves.combine import combine_bodies
 from rearticulate.search.moves.merge import merge_bodies
-from rearticulate.search.moves.split import split_bodies
+from rearticulate.search.moves.slides import screws, slides
+from rearticulate.search.moves.split import split_bodies, travel
 from rearticulate.search.moves.sweep import sweep_bodies
 from rearticulate.synth import objects
 from rearticulate.synth.articulated import ArticulatedObject, record
@@ -231,3 +232,60 @@ def test_the_same_in_a_turned_world(hinge: Case) -> None:
     moved = make_frames([transform(turn, np.asarray(tree.data)) for tree in frames.trees])
     turned = make_bodies(moved, to_unit(turn @ T @ inverse(turn), moved.unit, moved.centre), labels[moved.order])
     assert score(moved, turned) == pytest.approx(score(frames, bodies_of(hinge)), rel=0.02)
+
+
+def knife(slides: np.ndarray) -> Case:
+    """A box, open at both ends, and a blade inside that slides along it."""
+    rng, clouds, labels = np.random.default_rng(3), [], []
+    for slide in slides:
+        walls = np.column_stack([rng.uniform(-10, 10, 1600), np.zeros((1600, 2))])
+        side, along = rng.integers(4, size=1600), rng.uniform(-2, 2, 1600)
+        walls[:, 1] = np.select([side == 0, side == 1], [-2, 2], along)
+        walls[:, 2] = np.select([side == 2, side == 3], [-2, 2], along)
+        blade = np.column_stack([rng.uniform(-8, 8, 600) + slide, rng.uniform(-1.3, 1.3, 600), np.zeros(600)])
+        clouds.append(np.concatenate([walls, blade]))
+        labels.append(np.repeat([0, 1], [1600, 600]))
+    frames = make_frames(clouds)
+    T = np.tile(np.eye(4), (len(clouds), 2, 1, 1))
+    T[:, 1, 0, 3] = (slides - slides[0]) / frames.unit
+    return frames, T, np.concatenate(labels)[frames.order]
+
+
+def test_a_blade_that_slides_in_itself_is_told_by_its_ends() -> None:
+    found = knife(np.array([0.0, 3.0, 5.0, 2.0]))
+    frames, T, labels = found
+    lump = make_bodies(frames, T[:, :1], np.zeros_like(labels))
+    (motion,) = slides(0, lump[0], frames.noise, screws(lump[0], None), 1, 0.0)
+    assert np.abs(motion[:, :3, 3] - T[:, 1, :3, 3]).max() < 2.5  # spacings
+    apart = split_bodies(frames, 0, lump)
+    assert len(apart) == 2 and agreement(found, apart) > 0.99
+    assert score(frames, apart) < 1.01 * score(frames, bodies_of(found)) < 0.95 * score(frames, lump)
+    assert len(split_bodies(frames, 0, bodies_of(found))) == 2
+
+
+def post_and_arm(turn: float) -> Case:
+    """A post, nearly round about z, and an arm that turns by `turn` a frame about it."""
+    rng, clouds, labels, step = np.random.default_rng(0), [], [], np.array([0, 0, turn, 0, 0, 0])
+    for f in range(4):
+        angle = rng.uniform(0, 2 * np.pi, 900)
+        post = np.stack([0.1 * np.cos(angle), 0.085 * np.sin(angle), rng.uniform(0, 0.5, 900)], axis=1)
+        arm = transform(exp_se3(f * step), rng.uniform([0.1, -0.05, 0.5], [0.6, 0.05, 0.5], (500, 3)))
+        clouds.append(np.concatenate([post, arm]))
+        labels.append(np.repeat([0, 1], [900, 500]))
+    frames = make_frames(clouds)
+    T = np.stack([np.tile(np.eye(4), (4, 1, 1)), exp_se3(np.outer(np.arange(4), step))], axis=1)
+    return frames, to_unit(T, frames.unit, frames.centre), np.concatenate(labels)[frames.order]
+
+
+def test_a_nearly_round_post_that_was_said_to_turn_with_its_arm_is_at_rest() -> None:
+    found = post_and_arm(0.3)
+    frames, T, labels = found
+    one = make_bodies(frames, T[:, 1:], np.zeros_like(labels))
+    apart = split_bodies(frames, 0, one)
+    assert score(frames, apart) < score(frames, one)
+    still = min(apart, key=lambda body: np.abs(body.T - np.eye(4)).max())
+    assert (
+        travel(still) < 0.5
+        and (labels[still.rows] == 0).mean() > 0.9
+        and (labels[still.rows] == 0).sum() > 0.8 * (labels == 0).sum()
+    )

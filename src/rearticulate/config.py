@@ -16,15 +16,15 @@ from rearticulate.jsons import read_json
 
 Mechanism = Literal[
     "network",  # matches of the correspondence network, as a start of the tracking where a frame fits badly
-    "pose repair",  # restarts of lost parts before there is a tree
     "small middles",  # a small part as the middle link of a chain between its neighbours
     "hidden links",  # links without points of their own
-    "restart",  # parts that lost their pose in a frame start again, under a tree
+    "restart",  # parts that lost their pose in a frame start again
     "simplify",  # joints that the data do not need are fixed
     "second look",  # other structures than the first, from more accurate motions
     "exchange",  # whole layers go to one body
     "sweep",  # poses along the directions of which the points say little
     "split",  # a body becomes two
+    "slides",  # ... where whole sheets move along a screw, or stand still
     "other starts",  # bodies that other starts found, beside those of the best one
     "seams",  # plane borders across the axes of hinges
     "views",  # what the sensors see of other places, where their origins are known

@@ -89,9 +89,7 @@ def carried(frames: Frames, rows: IntArray, T: Array, normals: Array) -> Body:
     """The body of these points under this motion, with known normals (M, 3) of all points in their frames."""
     frame = frames.frame[rows]
     back = inverse(T)
-    return Body(
-        rows, frame, T, transform_by(back, frame, frames.points[rows]), rotate_by(back, frame, normals[rows])
-    )
+    return Body(rows, frame, T, transform_by(back, frame, frames.points[rows]), rotate_by(back, frame, normals[rows]))
 
 
 def make_body(frames: Frames, rows: IntArray, T: Array) -> Body:

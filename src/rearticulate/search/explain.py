@@ -38,7 +38,7 @@ def explain(
             best, lowest = bodies, new
         before, tried = tried, bodies
         if config.uses("split"):
-            bodies = split_bodies(frames, canonical, bodies, before)
+            bodies = split_bodies(frames, canonical, bodies, before, config.uses("slides"))
         if len(bodies) > len(tried):
             best, lowest = bodies, score(frames, bodies)
         elif gain < WORTH * new:

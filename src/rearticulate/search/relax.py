@@ -46,7 +46,7 @@ def relax(
     model = register_to_frames(frames, canonical, model, WIDE, rough)
     model = trial_merge(frames, canonical, model, config.merge_threshold, rng, trial)
     found, model = model.n_parts, largest_parts(frames, model, config.max_parts)
-    if config.uses("pose repair"):
+    if config.uses("restart"):
         model = repair_poses(frames, canonical, model, rng, told=restart)
     if found <= config.max_parts:
         start = make_bodies(frames, model.T, model.labels)

@@ -28,15 +28,17 @@ COMPONENTS = 6  # tried, at most
 AROUND = 3.0  # spacings; a second body begins with the points that near a region
 PROMISE = 0.1  # fall of a point's misfit in a region under a motion of its own that is worth a try
 TRIES, INNER = 2, 2
-LOCAL, WHOLE = (1.0,) * 4, (12.0, 3.0, 1.0, 1.0)  # strengths of borders, round by round: of regions, of whole sheets
+LOCAL = (1.0,) * 4  # strengths of borders, round by round, when a region grows ...
+WHOLE = (12.0, 3.0, 1.0, 1.0)  # ... and when whole sheets go
 HOPELESS = 4.0  # prices; growth of the score after a round beyond which there are no more
 APART, SCALES = (0.8, 0.3), (0.4,)  # robust scales of registrations of components, and of two that were one
 SETTLED = 5e-3
 MOVES, FEW = 1.0, 100  # spacings; where every body moves farther than this, a part of one may stand still; points asked
 
 
-def split_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies = ()) -> Bodies:
-    """Every body that was not tried and pays as two is two."""
+def split_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies = (), sheets: bool = True) -> Bodies:
+    """Every body that was not tried and pays as two is two. sheets: also where whole sheets move along a screw,
+    or stand still."""
     new, lively = fresh(bodies, tried), all(travel(body) > MOVES for body in bodies)
     borders = sheet_borders(frames, own_normals(bodies, len(frames.points)))
 
@@ -44,8 +46,8 @@ def split_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies =
         """What becomes of one body; what was split may be split again."""
         now = float(own_misfits(body, frames.noise).sum())
         within = inside(borders, body, len(frames.points))
-        motions = slides(canonical, body, frames.noise, screws(body, other), TRIES, price(frames))
-        if lively and travel(body) > MOVES:
+        motions = slides(canonical, body, frames.noise, screws(body, other), TRIES, price(frames)) if sheets else []
+        if sheets and lively and travel(body) > MOVES:
             motions.append(np.tile(np.eye(4), (frames.n_frames, 1, 1)))
         options = [
             by_components(frames, canonical, body),
@@ -110,7 +112,7 @@ def by_regions(frames: Frames, canonical: int, body: Body, within: Borders, now:
     """Splits that begin with a region that a motion of its own explains better. now: misfit of the body."""
     tries = registered(frames, canonical, body, regions_of(body, canonical))
     out = []
-    for found in sorted((each for each in tries if each.gain > PROMISE), key=lambda found: -found.gain)[:TRIES]:
+    for found in sorted((one for one in tries if one.gain > PROMISE), key=lambda one: -one.gain)[:TRIES]:
         near = nearest(search_tree(body.z[found.rows]), body.z, within=AROUND)[0] < AROUND
         out.append(separate(frames, canonical, body, near.astype(np.int64), found.T, within, LOCAL, now))
     return out
@@ -150,9 +152,9 @@ def separate(
     strengths: tuple[float, ...],
     now: float,
 ) -> Two:
-    """Two bodies in place of one: they begin with labels (n,), 1 for the second, which moves by T (F, 4, 4); then labels
-    and motions of the two in turn, under borders of these strengths. within: borders in the body, by numbers of its
-    points. now: misfit of the one body; it is given up early what costs far more."""
+    """Two bodies in place of one: they begin with labels (n,), 1 for the second, which moves by T (F, 4, 4); then
+    labels and motions of the two in turn, under borders of these strengths. within: borders in the body, by numbers of
+    its points. now: misfit of the one body; it is given up early what costs far more."""
     least, motions = LEAST * frames.n_frames, [body.T, T]
     two: list[Body] = []
     for strength in strengths:
