@@ -16,6 +16,7 @@ from rearticulate.joints.bundle import adjust_to_poses
 from rearticulate.joints.project import near_contact
 from rearticulate.joints.simplify import fix_joint, simplify
 from rearticulate.observe.frames import make_frames
+from rearticulate.parts.bodies import labels_of, make_bodies
 from rearticulate.synth import objects
 from rearticulate.synth.articulated import record
 from test_articulated import CANONICAL, F, information, tree
@@ -123,7 +124,8 @@ def test_a_part_cut_in_two_becomes_one_again():
     np.testing.assert_allclose(model.forward()[:, 1], T[:, 1], atol=1e-6)
     far = np.linalg.norm(frames.points - np.cross(hinge[:3], hinge[3:]), axis=1)
     outer = (labels == 1) & (far > np.median(far[labels == 1]))
-    found, merged, _ = simplify(frames, c, model, np.where(outer, 2, labels))
+    found, bodies, _ = simplify(frames, c, model, make_bodies(frames, model.forward(), np.where(outer, 2, labels)))
+    merged = labels_of(bodies, len(labels))
     assert found.parent.tolist() == [-1, 0]
     np.testing.assert_array_equal(merged, labels)
 

@@ -60,19 +60,21 @@ def bundle_adjust(
     model: Articulated,
     labels: IntArray,
     sigmas: tuple[float, ...],
+    before: Bodies = (),
     told: Told = untold,
-) -> Articulated:
+) -> tuple[Articulated, Bodies]:
     """Gauss-Newton on all points against the points of their own part, with new normals once a scale. sigmas: robust
-    scales, in spacings."""
-    bodies: Bodies = ()
+    scales, in spacings. before: bodies of the parts, where they are known. Returns the tree and its bodies."""
+    bodies = make_bodies(frames, model.forward(), labels, before)
     for i, sigma in enumerate(sigmas):
-        bodies = make_bodies(frames, model.forward(), labels, bodies)
+        moved = bodies
         for k in range(INNER):
             told((i + k / INNER) / len(sigmas))
-            H, g = bodies_equations(bodies, sigma)
-            before, model = model, gauss_newton_step(model, canonical, H, g)
-            if np.abs(model.q - before.q).max() < CONVERGED and np.abs(model.twist - before.twist).max() < CONVERGED:
+            H, g = bodies_equations(moved, sigma)
+            last, model = model, gauss_newton_step(model, canonical, H, g)
+            if np.abs(model.q - last.q).max() < CONVERGED and np.abs(model.twist - last.twist).max() < CONVERGED:
                 break
             T = model.forward()
-            bodies = tuple(body.moved(T[:, p]) for p, body in enumerate(bodies))
-    return model
+            moved = tuple(body.moved(T[:, p]) for p, body in enumerate(moved))
+        bodies = make_bodies(frames, model.forward(), labels, bodies)
+    return model, bodies

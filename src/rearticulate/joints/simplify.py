@@ -15,7 +15,7 @@ from rearticulate.joints.articulated import Articulated
 from rearticulate.joints.bundle import SIGMA, adjust_to_poses, bundle_adjust
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import INFORMATION_SIGMA, points_behind
-from rearticulate.parts.bodies import bodies_equations, make_bodies, score_of
+from rearticulate.parts.bodies import Bodies, bodies_equations, labels_of, poses, score
 from rearticulate.parts.cluster import adjacent_labels
 from rearticulate.progress import Told, steps, untold
 
@@ -76,10 +76,8 @@ class FixedJoint:
     misfit: float
 
 
-def poses_of(frames: Frames, canonical: int, tree: Articulated, labels: IntArray) -> Poses:
-    T = tree.forward()
-    H, _ = bodies_equations(make_bodies(frames, T, labels), INFORMATION_SIGMA)
-    return Poses(T, H)
+def poses_of(bodies: Bodies) -> Poses:
+    return Poses(poses(bodies), bodies_equations(bodies, INFORMATION_SIGMA)[0])
 
 
 def try_fixing(canonical: int, tree: Articulated, poses: Poses, j: int, k: int) -> FixedJoint:
@@ -108,36 +106,32 @@ def possible_fixes(
 
 
 def simplify(
-    frames: Frames,
-    canonical: int,
-    tree: Articulated,
-    labels: IntArray,
-    told: Told = untold,
-) -> tuple[Articulated, IntArray, float]:
-    """Fix joints, the least needed first, while the score does not rise. Returns tree, labels (M,) and score."""
-    value = score_of(frames, tree.forward(), labels)
-    poses = poses_of(frames, canonical, tree, labels)
-    before = tree.n_parts + 1
+    frames: Frames, canonical: int, tree: Articulated, bodies: Bodies, told: Told = untold
+) -> tuple[Articulated, Bodies, float]:
+    """Fix joints, the least needed first, while the score does not rise. Returns tree, bodies and score."""
+    value, reached, labels = score(frames, bodies), poses_of(bodies), labels_of(bodies, len(frames.points))
+    count = tree.n_parts + 1
     for each_round in steps(told, ROUNDS):
-        if not 1 < tree.n_parts < before:
+        if not 1 < tree.n_parts < count:
             break
-        before = tree.n_parts
-        fixes = possible_fixes(frames, canonical, tree, labels, poses, each_round)
+        count = tree.n_parts
+        fixes = possible_fixes(frames, canonical, tree, labels, reached, each_round)
         likely = [fix for fix in fixes if fix.misfit < LIKELY]
         now, failures = np.arange(tree.n_parts), 0  # now: the number of each part after what was fixed in this round
         for found in likely:
             j, k = int(now[found.j]), int(now[found.k])
             if j == k:
                 continue
-            option = found if tree.n_parts == before else try_fixing(canonical, tree, poses, j, k)
+            option = found if tree.n_parts == count else try_fixing(canonical, tree, reached, j, k)
             if option.misfit >= LIKELY:
                 continue
             merged = option.number[labels]
-            smaller = bundle_adjust(frames, canonical, option.tree, merged, (SIGMA,))
-            new = score_of(frames, smaller.forward(), merged)
+            before = tuple(bodies[k] for k in np.unique(option.number, return_index=True)[1])
+            smaller, fewer = bundle_adjust(frames, canonical, option.tree, merged, (SIGMA,), before)
+            new = score(frames, fewer)
             if new < value:
-                tree, labels, value, now = smaller, merged, new, option.number[now]
-                poses = poses_of(frames, canonical, tree, labels)
+                tree, bodies, labels, value, now = smaller, fewer, merged, new, option.number[now]
+                reached = poses_of(bodies)
             elif (failures := failures + 1) == TRIES:
                 break
-    return tree, labels, value
+    return tree, bodies, value

@@ -205,25 +205,49 @@ def plane_layers(points: Array, near: IntArray | None = None, slab: float = SLAB
     normals = plane_normals(points, near, 2 * slab)
     order = np.random.default_rng(0).permutation(len(points))
     layer = _grow(points, normals, near, order, slab, STEP, PASSES, SMALLEST)
-    inside = np.flatnonzero(layer >= 0)
-    by_layer = inside[np.argsort(layer[inside], kind="stable")]
-    for rows in np.split(by_layer, np.flatnonzero(np.diff(layer[by_layer])) + 1):
-        if len(rows) >= MANY:
-            normals[rows] = surface_normals(points[rows])
+    _smooth(points, layer, MANY, CURVED, normals)
     return layer, normals
 
 
-def surface_normals(points: Array) -> Array:
-    """(n, 3) unit normals of a nearly flat set of points: of its plane, or of the quadratic height over it where that
-    leaves less than 1 / `CURVED` of the squared deviations."""
-    centred = points - points.mean(axis=0)
+@numba.njit(cache=True, nogil=True)
+def _smooth(points, layer, many, curved, normals):
+    """Give the points of every layer (n,) that has enough of them the normals of its surface."""
+    order = np.argsort(layer, kind="mergesort")
+    first = 0
+    while first < len(order):
+        last = first
+        while last < len(order) and layer[order[last]] == layer[order[first]]:
+            last += 1
+        if layer[order[first]] >= 0 and last - first >= many:
+            rows = order[first:last]
+            normals[rows] = surface_normals(points[rows], curved)
+        first = last
+
+
+@numba.njit(cache=True, nogil=True)
+def surface_normals(points, curved=CURVED):
+    """(n, 3) unit normals of a nearly flat set of points (n, 3): of its plane, or of the quadratic height over it where
+    that leaves less than 1 / curved of the squared deviations."""
+    n, centre = len(points), np.zeros(3)
+    for i in range(n):
+        centre += points[i] / n
+    centred = points - centre
     axes = np.linalg.eigh(centred.T @ centred)[1]
-    z, x, y = (centred @ axes).T
-    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    local = centred @ axes
+    z, x, y = local[:, 0].copy(), local[:, 1].copy(), local[:, 2].copy()
+    terms = np.empty((n, 6))
+    terms[:, 0], terms[:, 1], terms[:, 2], terms[:, 3], terms[:, 4], terms[:, 5] = 1.0, x, y, x * x, x * y, y * y
     gram = terms.T @ terms
     fitted = np.linalg.solve(gram + 1e-12 * np.trace(gram) * np.eye(6), terms.T @ z)
-    if CURVED * np.sum((terms @ fitted - z) ** 2) > np.sum(z**2):
-        return np.tile(axes[:, 0], (len(points), 1))
-    _, bx, by, xx, xy, yy = fitted
-    slope = np.stack([np.ones_like(x), -(bx + 2 * xx * x + xy * y), -(by + xy * x + 2 * yy * y)], axis=1)
-    return slope @ axes.T / np.linalg.norm(slope, axis=1, keepdims=True)
+    out = np.empty((n, 3))
+    if curved * np.sum((terms @ fitted - z) ** 2) > np.sum(z**2):
+        for i in range(n):
+            out[i] = axes[:, 0]
+        return out
+    for i in range(n):
+        u = -(fitted[1] + 2 * fitted[3] * x[i] + fitted[4] * y[i])
+        v = -(fitted[2] + fitted[4] * x[i] + 2 * fitted[5] * y[i])
+        length = (1 + u * u + v * v) ** 0.5
+        for c in range(3):
+            out[i, c] = (axes[c, 0] + u * axes[c, 1] + v * axes[c, 2]) / length
+    return out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from rearticulate.joints.tree import Projection
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import surface_noise
 from rearticulate.observe.misfit import point_misfit
-from rearticulate.parts.bodies import Bodies, labels_of, make_bodies, score_of, to_relaxed, without_crumbs
+from rearticulate.parts.bodies import Bodies, labels_of, make_bodies, score, to_relaxed, without_crumbs
 from rearticulate.parts.ownership import exchange, relabel
 from rearticulate.parts.relaxed import Relaxed
 from rearticulate.parts.repair import repair_poses
@@ -76,37 +77,38 @@ def articulate(
         if gain < WORTH * value:
             break
     assert best is not None
-    tree, labels, fine = best.tree, best.labels, last_sigma(frames.noise)
+    tree, bodies, labels, fine = best.tree, best.bodies, best.labels, last_sigma(frames.noise)
     if config.uses("seams"):
         labels = cut_seams(frames, tree, labels, thickness)
     for each_round in steps(last, LAST_ROUNDS):
         label, adjustment = steps(each_round, 2)
-        labels = own_labels(frames, tree, labels, config, label)
+        bodies = own_labels(frames, make_bodies(frames, tree.forward(), labels, bodies), config, label)
+        labels = labels_of(bodies, len(labels))
         if config.uses("seams"):
             labels = cut_seams(frames, tree, labels, thickness)
-        tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA, fine, fine), told=adjustment)
+        tree, bodies = bundle_adjust(frames, canonical, tree, labels, (SIGMA, fine, fine), bodies, adjustment)
     progress("articulate", 1.0)
     return tree, labels
 
 
-def own_labels(frames: Frames, tree: Articulated, labels: IntArray, config: FitConfig, told: Told = untold) -> IntArray:
-    """Labels (M,) by own-part evidence under the motions of the tree."""
+def own_labels(frames: Frames, bodies: Bodies, config: FitConfig, told: Told = untold) -> Bodies:
+    """The bodies with labels by own-part evidence under their motions."""
     points, layers = steps(told, 2)
-    bodies = relabel(frames, make_bodies(frames, tree.forward(), labels), told=points)
-    if config.uses("exchange"):
-        bodies = exchange(frames, bodies, told=layers)
-    return labels_of(bodies, len(labels))
+    bodies = relabel(frames, bodies, told=points)
+    return exchange(frames, bodies, told=layers) if config.uses("exchange") else bodies
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One structure with its motions and the labels (M,) of all points."""
+    """One structure with its motions and the bodies of its parts."""
 
     tree: Articulated
-    labels: IntArray
+    bodies: Bodies
 
-    def score(self, frames: Frames) -> float:
-        return score_of(frames, self.tree.forward(), self.labels)
+    @cached_property
+    def labels(self) -> IntArray:
+        """(M,) of all points."""
+        return labels_of(self.bodies, sum(len(body) for body in self.bodies))
 
 
 def same_structure(start: Projection, hypothesis: Hypothesis) -> bool:
@@ -136,39 +138,38 @@ def adjust(
     repaired in joint space, and joints that nothing needs go. Returns the hypothesis and its score."""
     hypotheses, step = [], steps(told, 2 * len(start.starts) + 4)
     for labels in start.starts:
-        tree = bundle_adjust(frames, canonical, start.tree, labels, (SIGMA_WIDE, SIGMA), told=next(step))
-        found = Hypothesis(tree, labels)
+        scales = (SIGMA_WIDE, SIGMA)
+        found = Hypothesis(*bundle_adjust(frames, canonical, start.tree, labels, scales, told=next(step)))
         hypotheses.append(alternate(frames, canonical, found, thickness, config, FIRST_ROUNDS, next(step)))
     hypothesis = hypotheses[0] if len(hypotheses) == 1 else best_of_both(frames, hypotheses, start.hidden)
     hypothesis = alternate(frames, canonical, hypothesis, thickness, config, MORE_ROUNDS, next(step))
-    tree, labels = hypothesis.tree, hypothesis.labels
+    tree, bodies, labels = hypothesis.tree, hypothesis.bodies, hypothesis.labels
     if config.uses("restart"):
-        tree = restart(frames, canonical, tree, labels, rng, next(step))
-    tree = bundle_adjust(frames, canonical, tree, labels, (SIGMA,), told=next(step))
+        tree = restart(frames, canonical, hypothesis, rng, next(step))
+    tree, bodies = bundle_adjust(frames, canonical, tree, labels, (SIGMA,), bodies, next(step))
     if not config.uses("simplify"):
-        return Hypothesis(tree, labels), score_of(frames, tree.forward(), labels)
-    tree, labels, value = simplify(frames, canonical, tree, labels, next(step))
-    return Hypothesis(tree, labels), value
+        return Hypothesis(tree, bodies), score(frames, bodies)
+    tree, bodies, value = simplify(frames, canonical, tree, bodies, next(step))
+    return Hypothesis(tree, bodies), value
 
 
 def restart(
     frames: Frames,
     canonical: int,
-    tree: Articulated,
-    labels: IntArray,
+    hypothesis: Hypothesis,
     rng: np.random.Generator,
     told: Told = untold,
 ) -> Articulated:
     """Parts that lost their pose in a frame start again, each by itself; the tree follows them."""
-    now = poses_of(frames, canonical, tree, labels)
-    T = repair_poses(frames, canonical, Relaxed(now.T, labels), rng, told).T
+    tree, now = hypothesis.tree, poses_of(hypothesis.bodies)
+    T = repair_poses(frames, canonical, Relaxed(now.T, hypothesis.labels), rng, told).T
     return adjust_to_poses(tree, canonical, np.arange(tree.n_parts), T, now.H)[0]
 
 
 def best_of_both(frames: Frames, hypotheses: list[Hypothesis], hidden: IntArray) -> Hypothesis:
     """The hypothesis with the lowest score, in which every hidden link and what hangs on it come from the one that
     explains their points best."""
-    best = min(hypotheses, key=lambda k: k.score(frames))
+    best = min(hypotheses, key=lambda k: score(frames, k.bodies))
     poses = [k.tree.forward() for k in hypotheses]
     twist, q, labels = best.tree.twist.copy(), best.tree.q.copy(), best.labels.copy()
     for v in hidden:
@@ -180,7 +181,8 @@ def best_of_both(frames: Frames, hypotheses: list[Hypothesis], hidden: IntArray)
         chosen = hypotheses[int(np.argmin(misfit))]
         twist[links], q[:, links] = chosen.tree.twist[links], chosen.tree.q[:, links]
         labels[rows] = chosen.labels[rows]
-    return Hypothesis(replace(best.tree, twist=twist, q=q), labels)
+    tree = replace(best.tree, twist=twist, q=q)
+    return Hypothesis(tree, make_bodies(frames, tree.forward(), labels, best.bodies))
 
 
 def alternate(
@@ -195,13 +197,13 @@ def alternate(
     """Labels and motions in turn, until few labels change; links without points claim some."""
     for each_round in steps(told, rounds):
         label, adjustment = steps(each_round, 2)
-        bodies = make_bodies(frames, hypothesis.tree.forward(), hypothesis.labels)
-        labels = labels_of(relabel(frames, bodies, 1, label), len(hypothesis.labels))
+        bodies = relabel(frames, hypothesis.bodies, 1, label)
+        labels = labels_of(bodies, len(hypothesis.labels))
         changed = np.mean(labels != hypothesis.labels)
         if config.uses("seams"):
             labels = cut_seams(frames, hypothesis.tree, labels, thickness, only_empty=True)
         hypothesis = Hypothesis(
-            bundle_adjust(frames, canonical, hypothesis.tree, labels, (SIGMA,), told=adjustment), labels
+            *bundle_adjust(frames, canonical, hypothesis.tree, labels, (SIGMA,), bodies, adjustment)
         )
         if changed < SETTLED:
             break
@@ -220,6 +222,6 @@ def restructure(
     """A new hypothesis from accurate motions: the parts move freely, what pays is merged and split, the tree is built
     anew. tried: the bodies of the last time."""
     searched, projected = steps(told, 2)
-    start = without_crumbs(frames, make_bodies(frames, hypothesis.tree.forward(), hypothesis.labels))
+    start = without_crumbs(frames, hypothesis.bodies)
     bodies = explain(frames, canonical, start, config, tried, searched)
     return bodies, project(frames, canonical, to_relaxed(bodies, len(hypothesis.labels)), config, rng, projected)

@@ -53,6 +53,6 @@ def fill_in(
     for sigma in (SIGMA_WIDE, SIGMA):
         spread = spread_labels(frames, canonical, tree.forward(), everything[frames.rows(canonical)])
         everything = np.where(seen, everything, spread)
-        tree = bundle_adjust(frames, canonical, tree, everything, (sigma,))
+        tree, _ = bundle_adjust(frames, canonical, tree, everything, (sigma,))
     fine = last_sigma(frames.noise)
-    return bundle_adjust(frames, canonical, tree, everything, (fine,)), everything
+    return bundle_adjust(frames, canonical, tree, everything, (fine,))[0], everything
