@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from rearticulate.geometry.nearest import contact, nearest, search_tree
 from rearticulate.joints.articulated import Articulated
-from rearticulate.observe.body import REACH
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import to_canonical
-from rearticulate.parts.ownership import anyones, part_distances
+from rearticulate.observe.misfit import point_misfit
+from rearticulate.parts.sheets import RADIUS, THICKNESS, part_distances, sheet_evidence
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -26,8 +26,9 @@ NEIGHBOURS = 32  # the evidence is averaged over this many points first
 SLACK = 1.4  # cuts this close to the best (times the root of the number of points) count as equal
 BIN_WIDTH = 0.75  # spacings; of the histogram along the axis that finds the faces of links
 PEAK = 2.0  # a face has this many times the usual number of points
-DOUBT = 1.0  # a point with more evidence than this against the cut, in units of misfit, stays where it is
-SACRIFICE = 0.4  # evidence a changed point may give up on average
+DOUBT = 2.7  # a point with more evidence than this against the cut stays where it is
+SACRIFICE = 1.15  # evidence a changed point may give up on average, for ten frames
+MISFIT = 0.1  # spacings; ... and growth of their misfit to the other frames
 MINIMUM_SUPPORT = 5.0  # a link with fewer points a frame may claim points near the gap it bridges ...
 LINK_REACH = 12.0  # ... this near, in spacings
 CLAIM = 0.25  # cuts that give it up to this share of the sacrifice too much count as equal to the best
@@ -74,10 +75,17 @@ def gap_distances(frames: Frames, tree: Articulated, T: Array, labels: IntArray,
     return out
 
 
-def cut_seams(frames: Frames, tree: Articulated, labels: IntArray, only_empty: bool = False) -> IntArray:
+def cut_seams(
+    frames: Frames,
+    tree: Articulated,
+    labels: IntArray,
+    thickness: float = THICKNESS,
+    only_empty: bool = False,
+) -> IntArray:
     """Labels (M,) with the border of every turning joint made a plane where the evidence allows it.
 
-    only_empty: only the joints of links that have (almost) no points yet, while the motions are still rough.
+    thickness: of a sheet of points, in spacings. only_empty: only the joints of links that have (almost) no points yet,
+    while the motions are still rough.
     """
     empty = np.bincount(labels, minlength=tree.n_parts) / frames.n_frames < MINIMUM_SUPPORT
     turning = tree.revolute & (tree.parent >= 0)
@@ -89,17 +97,26 @@ def cut_seams(frames: Frames, tree: Articulated, labels: IntArray, only_empty: b
     candidates = np.isfinite(part_distances(frames, labels, tree.n_parts, ZONE))
     candidates &= np.isin(np.arange(tree.n_parts), np.concatenate([joints, tree.parent[joints]]))
     gap = gap_distances(frames, tree, T, labels, z, empty)
-    U = anyones(frames, T, candidates | (gap < LINK_REACH + REACH))
+    sheets = candidates | (gap < LINK_REACH + RADIUS)
+    U = sheet_evidence(frames, T, sheets, thickness)
     candidates |= gap < LINK_REACH
     labels = labels.copy()
+    limit = SACRIFICE * np.sqrt((frames.n_frames - 1) / 9)
     for j in joints:
         p = int(tree.parent[j])
         zone = np.flatnonzero(((labels == j) | (labels == p)) & candidates[:, j] & candidates[:, p])
         if len(zone) < MINIMUM_POINTS:
             continue
         vacant = bool(empty[[j, p]].any())
-        slack = CLAIM * SACRIFICE * len(zone) if vacant else SLACK * np.sqrt(len(zone))
-        labels[zone] = _cut(z[zone], labels[zone], U[zone, p] - U[zone, j], int(j), p, tree.twist[j, :3], slack)
+        slack = CLAIM * limit * len(zone) if vacant else SLACK * np.sqrt(len(zone))
+        new = _cut(z[zone], labels[zone], U[zone, p] - U[zone, j], int(j), p, tree.twist[j, :3], limit, slack)
+        changed = zone[new != labels[zone]]
+        if len(changed) and not vacant:
+            other = np.where(labels[changed] == j, p, j)
+            worse = point_misfit(frames, T, other, changed) - point_misfit(frames, T, labels[changed], changed)
+            if worse.mean() > MISFIT:
+                continue
+        labels[zone] = new
     return labels
 
 
@@ -110,6 +127,7 @@ def _cut(
     j: int,
     p: int,
     axis: Array,
+    limit: float,
     slack: float,
 ) -> IntArray:
     """Labels of one border zone, cut if that gives up little evidence. favour: evidence for j over p."""
@@ -121,6 +139,6 @@ def _cut(
     new = np.where(side * (along - place) > 0, j, p)
     against = favour * np.where(new == j, -1, 1)  # evidence against the cut, point by point
     changed = new != labels
-    if not changed.any() or against[changed].mean() > SACRIFICE:
+    if not changed.any() or against[changed].mean() > limit:
         return labels
     return np.where(against > DOUBT, labels, new)

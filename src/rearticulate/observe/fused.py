@@ -88,6 +88,13 @@ def match_fused(
     return rows[found], y[found], z[found], n[found], d[found]
 
 
+def surface_noise(frames: Frames, canonical: int, T: Array, labels: IntArray) -> float:
+    """Robust deviation of the points from the surface of their part that the other frames' points make, in spacings."""
+    fused = fuse(frames, T, labels)
+    _, y, z, n, _ = match_fused(frames, canonical, T, fused, frames.stride)
+    return 1.48 * float(np.median(np.abs(np.einsum("ij,ij->i", y - z, n)))) if len(y) else 0.0
+
+
 def fused_equations(
     frames: Frames, canonical: int, T: Array, fused: Fused, sigma: float, stride: int = 1
 ) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""How far points, carried by a part, land from other frames, whatever lies there, and how far they would by chance."""
+"""How badly points, carried by a part, land on the other frames, whatever lies there."""
 
 from __future__ import annotations
 
@@ -6,16 +6,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.geometry.nearest import nearest, search_tree
-from rearticulate.geometry.se3 import transform_by
+from rearticulate.geometry.se3 import inverse, transform_by
 from rearticulate.observe.frames import Frames
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
+EVIDENCE_FRAMES = 12  # that a point is tested against, at most
 
-def evidence_frames(F: int, limit: int) -> list[int]:
-    """At most `limit` of F frames, evenly spread."""
+
+def evidence_frames(F: int, limit: int = EVIDENCE_FRAMES) -> list[int]:
+    """At most `limit` frames, evenly spread: the ones every point is tested against."""
     return [int(f) for f in np.linspace(0, F - 1, min(F, limit)).round()]
+
+
+def point_misfit(
+    frames: Frames, T: Array, labels: IntArray, rows: IntArray | None = None, targets: list[int] | None = None
+) -> Array:
+    """(n,) mean over the target frames of a point's capped distance and plane distance, in spacings.
+
+    rows (n,): the points that are asked, all by default; labels (n,): theirs.
+    """
+    rows = np.arange(len(frames.points)) if rows is None else rows
+    targets = evidence_frames(frames.n_frames) if targets is None else targets
+    frame = frames.frame[rows]
+    z = transform_by(inverse(T), (frame, labels), frames.points[rows])
+    total, count = np.zeros(len(z)), np.zeros(len(z))
+    for f in targets:
+        away = np.flatnonzero(frame != f)
+        y = transform_by(T[f], labels[away], z[away])
+        d, j = nearest(frames.trees[f], y)
+        r = np.abs(np.einsum("ij,ij->i", y - frames.trees[f].data[j], frames.normals[frames.rows(f)][j]))
+        total[away] += np.minimum(d, 1.6) + 0.25 * np.minimum(r / 0.28, 3.0)
+        count[away] += 1
+    return total / np.maximum(count, 1)
 
 
 def sampling_distance(frames: Frames) -> Array:

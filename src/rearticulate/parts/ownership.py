@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import rotate_by
-from rearticulate.observe.body import REACH, Body, carried, make_body, misfits, own_misfits
+from rearticulate.observe.body import REACH, Body, carried, misfits, own_misfits
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.planes import plane_layers
 from rearticulate.parallel import each
 from rearticulate.parts.bodies import Bodies, all_misfits, fresh, group, labels_of, make_bodies, own_normals, poses
 from rearticulate.parts.cuts import Borders, expand, sheet_borders
+from rearticulate.parts.sheets import doubtful, part_distances
 from rearticulate.progress import Told, steps, untold
 
 Array = NDArray[np.floating]
@@ -30,24 +30,6 @@ SETTLED = 3e-3  # share of points that change in the last round
 FITS = 6.0  # misfit of a point to any points around it, beyond which it is in no layer of a body
 LEAST_LAYER, LEAST_TAKEN = 12, 3  # points of a layer, and of those that it takes
 GAIN = 0.05  # what a layer must bring for each point that changes sides, in units of misfit
-
-
-def part_distances(frames: Frames, labels: IntArray, P: int, radius: float) -> Array:
-    """(M, P) distance to the nearest member of each part in the same frame; inf beyond the radius."""
-    out = np.full((len(labels), P), np.inf)
-    for f in range(frames.n_frames):
-        rows, tree = frames.rows(f), frames.trees[f]
-        for p in np.unique(labels[rows]):
-            members = tree.data[labels[rows] == p]
-            low, high = members.min(axis=0) - radius, members.max(axis=0) + radius
-            close = np.flatnonzero(((tree.data > low) & (tree.data < high)).all(axis=1))
-            out[frames.start[f] + close, p] = nearest(search_tree(members), tree.data[close], within=radius)[0]
-    return out
-
-
-def doubtful(candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(M,) points with more than one candidate."""
-    return candidates.sum(axis=1) > 1
 
 
 def candidates_near(frames: Frames, labels: IntArray, P: int, radius: float) -> NDArray[np.bool_]:
@@ -87,19 +69,6 @@ def costs(frames: Frames, bodies: Bodies, candidates: NDArray[np.bool_]) -> Arra
         out[rows, p] = misfits(*bodies[p].carry(frames, rows), bodies[p], frames.noise)
 
     each(ask, range(len(bodies)))
-    return out
-
-
-def anyones(frames: Frames, T: Array, candidates: NDArray[np.bool_]) -> Array:
-    """(M, P) misfit of every point under the motion of each of its candidates (M, P), part of T (F, P, 4, 4), among all
-    points near the part, whosever they are; inf elsewhere."""
-    out = np.full(candidates.shape, np.inf)
-
-    def ask(p: int) -> None:
-        rows = np.flatnonzero(candidates[:, p])
-        out[rows, p] = own_misfits(make_body(frames, rows, T[:, p]), frames.noise)
-
-    each(ask, range(candidates.shape[1]))
     return out
 
 

@@ -71,6 +71,13 @@ def keep_parts(frames: Frames, model: Relaxed, keep: IntArray) -> Relaxed:
     return Relaxed(model.T[:, keep], labels)
 
 
+def merge_pair(frames: Frames, model: Relaxed, a: int, b: int, counts: Array | IntArray) -> Relaxed:
+    """Make parts a and b one, with the motion of the one that has more of the points, counts (P,)."""
+    keep, lose = sorted((a, b), key=lambda p: -counts[p])
+    labels = np.where(model.labels == lose, keep, model.labels)
+    return keep_parts(frames, Relaxed(model.T, labels), np.delete(np.arange(model.n_parts), lose))
+
+
 def largest_parts(frames: Frames, model: Relaxed, count: int) -> Relaxed:
     """At most so many parts: the smaller ones are dissolved."""
     if model.n_parts <= count:

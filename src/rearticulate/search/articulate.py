@@ -17,10 +17,13 @@ from rearticulate.joints.seams import cut_seams
 from rearticulate.joints.simplify import poses_of, simplify
 from rearticulate.joints.tree import Projection
 from rearticulate.observe.frames import Frames
-from rearticulate.parts.bodies import Bodies, all_misfits, labels_of, make_bodies, score, to_relaxed, without_crumbs
+from rearticulate.observe.fused import surface_noise
+from rearticulate.observe.misfit import point_misfit
+from rearticulate.parts.bodies import Bodies, labels_of, make_bodies, score, to_relaxed, without_crumbs
 from rearticulate.parts.ownership import exchange, relabel
 from rearticulate.parts.relaxed import Relaxed
 from rearticulate.parts.repair import repair_poses
+from rearticulate.parts.sheets import sheet_thickness
 from rearticulate.progress import Told, steps, untold
 from rearticulate.search.explain import explain
 from rearticulate.search.moves.combine import combine_bodies
@@ -50,6 +53,7 @@ def articulate(
 
     Returns the model and the labels (M,) of all points.
     """
+    thickness = sheet_thickness(surface_noise(frames, canonical, relaxed.T, relaxed.labels))
     first, *tries, last = steps(lambda done: progress("articulate", done), HYPOTHESES + 2)
     combined, projected = steps(first, 2)
     bodies = make_bodies(frames, relaxed.T, relaxed.labels)
@@ -66,7 +70,7 @@ def articulate(
             tried, start = restructure(frames, canonical, best, tried, config, rng, structure)
             if same_structure(start, best):
                 break
-        new, value = adjust(frames, canonical, start, config, rng, motion)
+        new, value = adjust(frames, canonical, start, thickness, config, rng, motion)
         gain = lowest - value
         if gain > 0:
             best, lowest = new, value
@@ -75,13 +79,13 @@ def articulate(
     assert best is not None
     tree, bodies, labels, fine = best.tree, best.bodies, best.labels, last_sigma(frames.noise)
     if config.uses("seams"):
-        labels = cut_seams(frames, tree, labels)
+        labels = cut_seams(frames, tree, labels, thickness)
     for each_round in steps(last, LAST_ROUNDS):
         label, adjustment = steps(each_round, 2)
         bodies = own_labels(frames, make_bodies(frames, tree.forward(), labels, bodies), config, label)
         labels = labels_of(bodies, len(labels))
         if config.uses("seams"):
-            labels = cut_seams(frames, tree, labels)
+            labels = cut_seams(frames, tree, labels, thickness)
         tree, bodies = bundle_adjust(frames, canonical, tree, labels, (SIGMA, fine, fine), bodies, adjustment)
     progress("articulate", 1.0)
     return tree, labels
@@ -125,6 +129,7 @@ def adjust(
     frames: Frames,
     canonical: int,
     start: Projection,
+    thickness: float,
     config: FitConfig,
     rng: np.random.Generator,
     told: Told = untold,
@@ -135,9 +140,9 @@ def adjust(
     for labels in start.starts:
         scales = (SIGMA_WIDE, SIGMA)
         found = Hypothesis(*bundle_adjust(frames, canonical, start.tree, labels, scales, told=next(step)))
-        hypotheses.append(alternate(frames, canonical, found, config, FIRST_ROUNDS, next(step)))
+        hypotheses.append(alternate(frames, canonical, found, thickness, config, FIRST_ROUNDS, next(step)))
     hypothesis = hypotheses[0] if len(hypotheses) == 1 else best_of_both(frames, hypotheses, start.hidden)
-    hypothesis = alternate(frames, canonical, hypothesis, config, MORE_ROUNDS, next(step))
+    hypothesis = alternate(frames, canonical, hypothesis, thickness, config, MORE_ROUNDS, next(step))
     tree, bodies, labels = hypothesis.tree, hypothesis.bodies, hypothesis.labels
     if config.uses("restart"):
         tree = restart(frames, canonical, hypothesis, rng, next(step))
@@ -165,14 +170,15 @@ def best_of_both(frames: Frames, hypotheses: list[Hypothesis], hidden: IntArray)
     """The hypothesis with the lowest score, in which every hidden link and what hangs on it come from the one that
     explains their points best."""
     best = min(hypotheses, key=lambda k: score(frames, k.bodies))
-    misfits = [all_misfits(k.bodies, len(frames.points), frames.noise) for k in hypotheses]
+    poses = [k.tree.forward() for k in hypotheses]
     twist, q, labels = best.tree.twist.copy(), best.tree.q.copy(), best.labels.copy()
     for v in hidden:
         links = np.append(v, np.flatnonzero(best.tree.parent == v))
         rows = np.flatnonzero(np.any([np.isin(k.labels, links) for k in hypotheses], axis=0))
         if len(rows) == 0:
             continue
-        chosen = hypotheses[int(np.argmin([misfit[rows].mean() for misfit in misfits]))]
+        misfit = [point_misfit(frames, T, k.labels[rows], rows).mean() for k, T in zip(hypotheses, poses, strict=True)]
+        chosen = hypotheses[int(np.argmin(misfit))]
         twist[links], q[:, links] = chosen.tree.twist[links], chosen.tree.q[:, links]
         labels[rows] = chosen.labels[rows]
     tree = replace(best.tree, twist=twist, q=q)
@@ -183,6 +189,7 @@ def alternate(
     frames: Frames,
     canonical: int,
     hypothesis: Hypothesis,
+    thickness: float,
     config: FitConfig,
     rounds: int,
     told: Told = untold,
@@ -194,7 +201,7 @@ def alternate(
         labels = labels_of(bodies, len(hypothesis.labels))
         changed = np.mean(labels != hypothesis.labels)
         if config.uses("seams"):
-            labels = cut_seams(frames, hypothesis.tree, labels, only_empty=True)
+            labels = cut_seams(frames, hypothesis.tree, labels, thickness, only_empty=True)
         hypothesis = Hypothesis(
             *bundle_adjust(frames, canonical, hypothesis.tree, labels, (SIGMA,), bodies, adjustment)
         )

@@ -18,7 +18,7 @@ from rearticulate.geometry.se3 import inverse, to_unit, transform
 from rearticulate.joints.chains import ChainFit, fit_prismatic, fit_revolute, rest_cost
 from rearticulate.joints.tree import Link, Projection, assemble, spanning_tree
 from rearticulate.observe.frames import Frames
-from rearticulate.parts.relaxed import Relaxed, keep_parts
+from rearticulate.parts.relaxed import Relaxed, keep_parts, merge_pair
 from rearticulate.progress import Told, rounds, untold
 
 Array = NDArray[np.floating]
@@ -150,10 +150,3 @@ def _link(child: int, parent: int, screw: ChainFit, centre: Array) -> Link:
     """A joint, about the origin of the frames."""
     w, v, revolute = screw.twist[0, :3], screw.twist[0, 3:], bool(screw.revolute[0])
     return Link(child, parent, np.concatenate([w, v + np.cross(centre, w)]), screw.q[:, 0], revolute)
-
-
-def merge_pair(frames: Frames, model: Relaxed, a: int, b: int, counts: Array | IntArray) -> Relaxed:
-    """Make parts a and b one, with the motion of the one that has more of the points, counts (P,)."""
-    keep, lose = sorted((a, b), key=lambda p: -counts[p])
-    labels = np.where(model.labels == lose, keep, model.labels)
-    return keep_parts(frames, Relaxed(model.T, labels), np.delete(np.arange(model.n_parts), lose))

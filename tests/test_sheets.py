@@ -9,8 +9,9 @@ from oracle import in_spacings
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.joints.seams import best_cut
 from rearticulate.observe.frames import make_frames
+from rearticulate.observe.fused import surface_noise
 from rearticulate.observe.misfit import evidence_frames
-from rearticulate.parts.ownership import anyones, part_distances
+from rearticulate.parts.sheets import IMPOSSIBLE, part_distances, sheet_evidence, sheet_thickness
 
 
 @pytest.mark.parametrize("F, limit, expected", [(3, 12, [0, 1, 2]), (9, 3, [0, 4, 8]), (1, 5, [0])])
@@ -82,10 +83,10 @@ def test_the_test_motions_bring_every_point_back_to_one_plate():
     assert np.ptp(z[:, 2]) < 1e-9
 
 
-def test_what_anyones_points_say_prefers_the_true_motion():
+def test_sheets_prefer_the_true_motion():
     frames, T, labels = two_plates()
     everywhere = np.ones((len(labels), 2), bool)
-    U = anyones(frames, T, everywhere)
+    U = sheet_evidence(frames, T, everywhere)
     z = transform(inverse(T)[frames.frame, labels], frames.points)
     hinge = (20 - frames.centre[0]) / frames.unit
     away = (np.abs(z[:, 0] - hinge) > 8) & (frames.frame > 0)
@@ -97,7 +98,9 @@ def test_what_is_no_candidate_is_impossible():
     frames, T, labels = two_plates(n=150, frames=3)
     candidates = np.ones((len(labels), 2), bool)
     candidates[::3, 1] = False
-    np.testing.assert_array_equal(np.isinf(anyones(frames, T, candidates)), ~candidates)
+    U = sheet_evidence(frames, T, candidates)
+    np.testing.assert_array_equal(U == IMPOSSIBLE, ~candidates)
+    np.testing.assert_array_equal(U[::3, 0], 0.0)  # nobody asks a point that has no choice
 
 
 def test_candidates_are_the_parts_within_the_radius():
@@ -110,3 +113,18 @@ def test_candidates_are_the_parts_within_the_radius():
     np.testing.assert_array_equal(np.isfinite(distance[:, 1]), at > 11.3)
     np.testing.assert_allclose(distance[at < 14.5, 0], 0.0)
     assert np.isinf(distance[:, 2]).all()
+
+
+@pytest.mark.parametrize(("noise", "expected"), [(0.0, 0.093), (0.25, 0.093), (0.35, np.sqrt(0.093**2 + 0.06))])
+def test_sheets_are_thicker_by_the_noise(noise, expected):
+    assert sheet_thickness(noise) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05, 0.1])
+def test_the_noise_of_a_surface_is_measured(noise):
+    rng = np.random.default_rng(0)
+    sheets = [np.column_stack([rng.uniform(0, 30, (900, 2)), rng.normal(0, noise, 900)]) for _ in range(6)]
+    frames = make_frames(sheets)
+    T, labels = np.tile(np.eye(4), (6, 1, 1, 1)), np.zeros(5400, dtype=int)
+    measured = surface_noise(frames, 3, T, labels) * frames.unit
+    assert noise <= measured <= np.sqrt(2) * noise  # two points differ by more than one; nearest ones by less than any
