@@ -273,7 +273,7 @@ def post_and_arm(turn: float) -> Case:
         clouds.append(np.concatenate([post, arm]))
         labels.append(np.repeat([0, 1], [900, 500]))
     frames = make_frames(clouds)
-    T = np.stack([np.tile(np.eye(4), (4, 1, 1)), exp_se3(np.outer(np.arange(4), step))], axis=1)
+    T = np.stack([np.tile(np.eye(4), (4, 1, 1)), exp_se3(np.outer(np.arange(4.0), step))], axis=1)
     return frames, to_unit(T, frames.unit, frames.centre), np.concatenate(labels)[frames.order]
 
 
