@@ -73,7 +73,7 @@ def to_result(
         config=asdict(config),
         seed=seed,
         relaxed=relaxed_model(sequence, chosen, frames, best),
-        notes=(*(stopped or other_scales(scales, c)), *few_states(frames.n_frames)),
+        notes=(*stopped, *few_states(frames.n_frames), *(() if stopped else other_scales(scales, c))),
         machine=machine(),
         sampling=sampling_distance(frames) * frames.unit,
     )

@@ -140,7 +140,7 @@ def rotate(T: Array, n: Array) -> Array:
     """As `transform`, for directions."""
     if T.ndim == 2:
         return n @ T[:3, :3].T
-    if T.shape[-3] == 1:  # one for all points
+    if T.shape[-3] == 1 and n.ndim > 1:  # one for all points
         return n @ np.swapaxes(T[..., 0, :3, :3], -1, -2)
     return np.einsum("...ij,...j->...i", T[..., :3, :3], n)
 

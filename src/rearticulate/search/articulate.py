@@ -134,8 +134,8 @@ def adjust(
     rng: np.random.Generator,
     told: Told = untold,
 ) -> tuple[Hypothesis, float]:
-    """Motions and labels in turn under a given structure, from the better of its starts; frames that were lost are
-    repaired in joint space, and joints that nothing needs go. Returns the hypothesis and its score."""
+    """Motions and labels in turn under a given structure, from the better of its starts; parts that were
+    lost start again, and joints that nothing needs go. Returns the hypothesis and its score."""
     hypotheses, step = [], steps(told, 2 * len(start.starts) + 4)
     for labels in start.starts:
         scales = (SIGMA_WIDE, SIGMA)

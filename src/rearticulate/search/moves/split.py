@@ -123,12 +123,15 @@ def by_motions(
 ) -> list[Two]:
     """Splits that begin with one of several second motions (F, 4, 4), for whatever is denied less so: whole sheets,
     since their inner points may fit both ways."""
-    out = []
-    for T in motions:
-        cost = np.stack([denials(make_body(frames, body.rows, motion), frames.noise) for motion in (body.T, T)], axis=1)
+    if not motions:
+        return []
+    whole, out = stronger(within, WHOLE[0]), []
+    first, *others = (denials(make_body(frames, body.rows, motion), frames.noise) for motion in (body.T, *motions))
+    for T, second in zip(motions, others, strict=True):
+        cost = np.stack([first, second], axis=1)
         labels = np.zeros(len(body), dtype=np.int64)
         for _ in range(INNER):
-            labels = both_ways(cost, labels, stronger(within, WHOLE[0]))
+            labels = both_ways(cost, labels, whole)
         out.append(separate(frames, canonical, body, labels, T, within, WHOLE, now))
     return out
 
