@@ -1,21 +1,28 @@
 """Do one, two or three joints in series explain how two parts move against each other?
 
 The relative poses A_f are compared with prod_k exp(q_fk s_k) under the information W_f that registration left about
-them, so unobservable directions weigh nothing. The cost over sigma^2 is a chi-square.
+them, so unobservable directions weigh nothing. The cost over sigma^2 is a chi-square. A few frames in which a part was
+lost have no say, and the joint stays there as it was in the frame before.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, log_se3, log_so3
 from rearticulate.joints.articulated import MAX_STEP, normalise_twists
+from rearticulate.observe.fused import points_behind
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
+
+
+LOST = 4.0  # spacings; rms misfit of a part's points in a frame beyond which its pose may be wrong there ...
+LOST_SHARE = 0.2  # ... as it may be in this share of the frames
+FORGOTTEN = 1e-3  # weight of such a frame
 
 
 @dataclass(frozen=True)
@@ -55,6 +62,25 @@ def weighted_square(e: Array, W: Array) -> Array:
     return np.einsum("...fi,...fij,...fj->...", e, W, e)
 
 
+def trust(squares: Array, W: Array) -> Array:
+    """(B, F) weight of frames with these squared misfits (B, F) under information W: hardly any for those, a share of
+    them at most, where one of the parts is so far away that it was lost."""
+    lost = squares > LOST**2 * points_behind(W)
+    rank = np.argsort(np.argsort(-squares, axis=1, kind="stable"), axis=1, kind="stable")
+    return np.where(lost & (rank < int(LOST_SHARE * squares.shape[1])), FORGOTTEN, 1.0)
+
+
+def kept(q: Array, trusted: NDArray[np.bool_], canonical: int) -> Array:
+    """Joint values q (B, F, k), where they are not trusted (B, F) those of the frame before, seen from the canonical
+    one."""
+    q = q.copy()
+    for step, end in ((1, q.shape[1]), (-1, -1)):
+        for f in range(canonical + step, end, step):
+            lost = ~trusted[:, f]
+            q[lost, f] = q[lost, f - step]
+    return q
+
+
 def rest_cost(A: Array, W: Array) -> Array:
     """(B,) cost of no joint at all."""
     return weighted_square(log_se3(A), W)
@@ -63,10 +89,12 @@ def rest_cost(A: Array, W: Array) -> Array:
 def fit_chain(
     A: Array, W: Array, twist: Array, q: Array, revolute: NDArray[np.bool_], canonical: int, iterations: int = 14
 ) -> ChainFit:
-    """Gauss-Newton from twist (B, k, 6), q (B, F, k); joint values are eliminated frame by frame. Best iterate kept."""
+    """Gauss-Newton from twist (B, k, 6), q (B, F, k); joint values are eliminated frame by frame. Best iterate kept;
+    frames with a lost part (`trust`) hardly count."""
     B, F = A.shape[:2]
     k = twist.shape[1]
     best = ChainFit(np.full(B, np.inf), twist.copy(), q.copy(), revolute)
+    trusted = np.ones((B, F))
     damp_q = 3e-3 * np.where(revolute, 3.5, 1e-4)
     damp_s = 3e-3 * np.tile(np.array([350.0] * 3 + [1.0] * 3), k)
     limit_q = np.where(revolute, 0.1, 18.0)[:, None]
@@ -78,21 +106,24 @@ def fit_chain(
             before[:, :, j] = T
             T = T @ steps[:, :, j]
         e = log_se3(A @ inverse(T))
-        cost = weighted_square(e, W)
+        squares = np.einsum("...fi,...fij,...fj->...f", e, W, e)
+        w = trust(squares, W)
+        cost = (w * squares).sum(axis=1)
         better = cost < best.cost
-        for mine, new in zip((best.cost, best.twist, best.q), (cost, twist, q), strict=True):
+        for mine, new in zip((best.cost, best.twist, best.q, trusted), (cost, twist, q, w), strict=True):
             mine[better] = new[better]
         if i == iterations:
             break
         Ad = adjoint(before)
         Jq = np.swapaxes((Ad @ twist[:, None, :, :, None])[..., 0], -1, -2)  # (B, F, 6, k)
         Js = np.moveaxis(Ad @ (np.eye(6) - adjoint(steps)), 2, 3).reshape(B, F, 6, 6 * k)
-        WJq, We = W @ Jq, (W @ e[..., None])[..., 0]
-        Hqq = np.swapaxes(Jq, -1, -2) @ WJq + np.eye(k) * damp_q[:, None, None, :]
-        Hqs = np.swapaxes(WJq, -1, -2) @ Js
-        gq = np.einsum("bfik,bfi->bfk", Jq, We)
-        Hss = np.einsum("bfia,bfic->bac", Js, W @ Js) + np.diag(damp_s)
-        gs = np.einsum("bfia,bfi->ba", Js, We)
+        V = w[..., None, None] * W
+        VJq, Ve = V @ Jq, (V @ e[..., None])[..., 0]
+        Hqq = np.swapaxes(Jq, -1, -2) @ VJq + np.eye(k) * damp_q[:, None, None, :]
+        Hqs = np.swapaxes(VJq, -1, -2) @ Js
+        gq = np.einsum("bfik,bfi->bfk", Jq, Ve)
+        Hss = np.einsum("bfia,bfic->bac", Js, V @ Js) + np.diag(damp_s)
+        gs = np.einsum("bfia,bfi->ba", Js, Ve)
         solved = np.linalg.solve(Hqq, np.concatenate([Hqs, gq[..., None]], -1))
         S = Hss - np.einsum("bfka,bfkc->bac", Hqs, solved[..., :-1])
         r = gs - np.einsum("bfka,bfk->ba", Hqs, solved[..., -1])
@@ -102,18 +133,32 @@ def fit_chain(
         twist = normalise_twists((adjoint(exp_se3(eta)) @ twist[..., None])[..., 0], revolute)
         q = q + np.clip(dq, -limit_q, limit_q)
         q[:, canonical] = 0
-    return best
+    return replace(best, q=kept(best.q, trusted == 1, canonical))
 
 
 def fit_revolute(A: Array, W: Array, canonical: int, iterations: int = 10) -> ChainFit:
-    """One revolute joint; start: principal rotation axis, centre of least displacement."""
-    w = log_so3(A[..., :3, :3])
-    known = np.trace(W[..., 3:, 3:], axis1=-2, axis2=-1) + 1e-9
-    axis = np.linalg.eigh(np.einsum("bf,bfi,bfj->bij", known, w, w))[1][..., 2]
-    M = np.eye(3) - A[..., :3, :3]
-    MtM = np.einsum("bf,bfji,bfjk->bik", known, M, M)
-    ridge = 1e-5 * known.sum(1)[:, None, None] * np.eye(3)
-    origin = np.linalg.solve(MtM + ridge, np.einsum("bf,bfji,bfj->bi", known, M, A[..., :3, 3])[..., None])[..., 0]
+    """One revolute joint, from the motion of all frames, and of the half of them nearest to the canonical one, where
+    fewer parts are lost; the better of the two for each pair."""
+    away = np.abs(np.arange(A.shape[1]) - canonical)
+    near = away <= np.sort(away)[len(away) // 2]
+    two = [_fit_turn(A, W, known, canonical, iterations) for known in (W, W * near[:, None, None])]
+    better = (two[1].cost < two[0].cost)[:, None, None]
+    return ChainFit(
+        cost=np.minimum(two[0].cost, two[1].cost),
+        twist=np.where(better, two[1].twist, two[0].twist),
+        q=np.where(better, two[1].q, two[0].q),
+        revolute=two[0].revolute,
+    )
+
+
+def _fit_turn(A: Array, W: Array, known: Array, canonical: int, iterations: int) -> ChainFit:
+    """Start: principal rotation axis, centre of least displacement under the information known (B, F, 6, 6)."""
+    w, M = log_so3(A[..., :3, :3]), np.eye(3) - A[..., :3, :3]
+    weight = np.trace(known[..., 3:, 3:], axis1=-2, axis2=-1) + 1e-9
+    axis = np.linalg.eigh(np.einsum("bf,bfi,bfj->bij", weight, w, w))[1][..., 2]
+    MtM = np.einsum("bf,bfji,bfjk->bik", weight, M, M)
+    ridge = 1e-5 * weight.sum(1)[:, None, None] * np.eye(3)
+    origin = np.linalg.solve(MtM + ridge, np.einsum("bf,bfji,bfj->bi", weight, M, A[..., :3, 3])[..., None])[..., 0]
     twist = np.concatenate([axis, np.cross(origin, axis)], -1)
     q = np.einsum("bfi,bi->bf", w, axis)
     q[:, canonical] = 0

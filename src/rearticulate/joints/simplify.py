@@ -15,7 +15,7 @@ from rearticulate.joints.articulated import Articulated
 from rearticulate.joints.bundle import SIGMA, adjust_to_poses, bundle_adjust
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import INFORMATION_SIGMA, points_behind
-from rearticulate.parts.bodies import Bodies, bodies_equations, labels_of, poses, score
+from rearticulate.parts.bodies import Bodies, Explanation, bodies_equations, explanation, labels_of, poses
 from rearticulate.parts.cluster import adjacent_labels
 from rearticulate.progress import Told, steps, untold
 
@@ -107,9 +107,10 @@ def possible_fixes(
 
 def simplify(
     frames: Frames, canonical: int, tree: Articulated, bodies: Bodies, told: Told = untold
-) -> tuple[Articulated, Bodies, float]:
-    """Fix joints, the least needed first, while the score does not rise. Returns tree, bodies and score."""
-    value, reached, labels = score(frames, bodies), poses_of(bodies), labels_of(bodies, len(frames.points))
+) -> tuple[Articulated, Bodies, Explanation]:
+    """Fix joints, the least needed first, while the score does not rise. Returns tree, bodies and what
+    their score is made of."""
+    value, reached, labels = explanation(frames, bodies), poses_of(bodies), labels_of(bodies, len(frames.points))
     count = tree.n_parts + 1
     for each_round in steps(told, ROUNDS):
         if not 1 < tree.n_parts < count:
@@ -128,8 +129,8 @@ def simplify(
             merged = option.number[labels]
             before = tuple(bodies[k] for k in np.unique(option.number, return_index=True)[1])
             smaller, fewer = bundle_adjust(frames, canonical, option.tree, merged, (SIGMA,), before)
-            new = score(frames, fewer)
-            if new < value:
+            new = explanation(frames, fewer)
+            if new.over(value) < 0:
                 tree, bodies, labels, value, now = smaller, fewer, merged, new, option.number[now]
                 reached = poses_of(bodies)
             elif (failures := failures + 1) == TRIES:

@@ -24,6 +24,7 @@ from rearticulate.observe.frames import NOISE_FLOOR, Frames
 from rearticulate.observe.misfit import evidence_frames
 from rearticulate.observe.planes import plane_layers, surroundings
 from rearticulate.observe.register import CONVERGED, normal_equations, solve_twists
+from rearticulate.observe.views import BLIND
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -155,6 +156,28 @@ def misfits(z: Array, frame: IntArray, body: Body, noise: float) -> Array:
 def own_misfits(body: Body, noise: float, asked: IntArray | slice = slice(None)) -> Array:
     """(n,) of the body's own points, or of those asked."""
     return misfits(body.z[asked], body.frame[asked], body, noise)
+
+
+def shares(frames: Frames, body: Body, asked: IntArray | slice = slice(None)) -> Array:
+    """(n, G) what each of the frames adds to the mean misfit of the body's own points, or of those asked; nan where a
+    frame cannot tell: it is the point's own, or has nothing there and sees no further."""
+    targets = evidence_frames(len(body.T), EVIDENCE_FRAMES)
+    z, frame = body.z[asked], body.frame[asked]
+    misfit, partner = partners(z, frame, body, frames.noise, targets)
+    misfit /= np.maximum((partner != HERE).sum(axis=1), 1)[:, None]
+    misfit[partner == HERE] = np.nan
+    if frames.views is not None:
+        i, g = np.nonzero(partner == NONE)
+        f = np.asarray(targets)[g]
+        blind = np.isin(frames.views.classes(transform_by(body.T, f, z[i]), f), BLIND)
+        misfit[i[blind], g[blind]] = np.nan
+    return misfit
+
+
+def growth(before: Array, after: Array) -> float:
+    """By how much the misfit of points grows, of `shares` (n, G) before and after, over the frames that tell of both:
+    where a surface could not be seen, neither to hide there nor to come forth is worth anything."""
+    return float(np.nansum(after - before))
 
 
 def denied(misfit: Array) -> Array:

@@ -20,6 +20,7 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 UNKNOWN, HIDDEN, NEAR, EMPTY = range(4)  # of several sensors the highest has the word
+BLIND = (UNKNOWN, HIDDEN)  # no sensor tells what is there
 WINDOW = 5  # pixels of a spacing; so many hold a point nearly always, while every third pixel alone is empty
 TOLERANCE = 1.0  # spacings; sampling and slope within a pixel ...
 SURE = 2.5  # ... and so many deviations of the noise

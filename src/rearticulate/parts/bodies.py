@@ -7,13 +7,27 @@ length of the borders within sheets, and what a body costs to describe, a joint 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.geometry.se3 import adjoint, inverse, rotate_by
-from rearticulate.observe.body import Body, alike, carried, make_body, own_misfits, pair_equations, register, renewed
+from rearticulate.observe.body import (
+    EVIDENCE_FRAMES,
+    Body,
+    alike,
+    carried,
+    growth,
+    make_body,
+    own_misfits,
+    pair_equations,
+    register,
+    renewed,
+    shares,
+)
 from rearticulate.observe.frames import Frames
+from rearticulate.observe.misfit import evidence_frames
 from rearticulate.parallel import each
 from rearticulate.parts.cuts import Borders, sheet_borders
 from rearticulate.parts.relaxed import Relaxed, keep_parts
@@ -87,6 +101,32 @@ def score(frames: Frames, bodies: Bodies) -> float:
     M = len(frames.points)
     borders = sheet_borders(frames, own_normals(bodies, M)).between(labels_of(bodies, M))
     return float(all_misfits(bodies, M, frames.noise).sum()) + borders + price(frames) * (len(bodies) - 1)
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What a score is made of: shares (M, G) of all points (`observe.body`), and the rest, of borders and bodies."""
+
+    shares: Array
+    rest: float
+
+    def over(self, other: Explanation) -> float:
+        """By how much this score is the higher one, as far as the frames tell of both."""
+        return growth(other.shares, self.shares) + self.rest - other.rest
+
+
+def explanation(frames: Frames, bodies: Bodies) -> Explanation:
+    M = len(frames.points)
+    borders = sheet_borders(frames, own_normals(bodies, M)).between(labels_of(bodies, M))
+    return Explanation(all_shares(frames, bodies), borders + price(frames) * (len(bodies) - 1))
+
+
+def all_shares(frames: Frames, bodies: Sequence[Body]) -> Array:
+    """(M, G) shares of all points, nan of those that are no body's."""
+    out = np.full((len(frames.points), len(evidence_frames(frames.n_frames, EVIDENCE_FRAMES))), np.nan)
+    for body, found in zip(bodies, each(lambda body: shares(frames, body), bodies), strict=True):
+        out[body.rows] = found
+    return out
 
 
 def score_of(frames: Frames, T: Array, labels: IntArray) -> float:

@@ -9,6 +9,7 @@ from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import rotate_by, transform_by
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.register import Schedule, fit_cost, register_bodies
+from rearticulate.observe.views import BLIND
 from rearticulate.parts.cluster import adjacent_labels
 from rearticulate.parts.relaxed import Relaxed, keep_parts
 from rearticulate.progress import Told, rounds, steps, untold
@@ -20,6 +21,7 @@ Pair = tuple[int, int]
 BODY_SCHEDULE = Schedule(iterations=8, sigma=2.2, sigma_end=0.56)
 SUBSET = 90  # points of a part that take part in a trial (`Trials.subset`)
 GAP = 4.0  # spacings; parts closer than this may be tried
+UNCONFIRMED = 1.0  # misfit from which a frame shows nothing there
 BORDER = 0.5  # what a border as long as the smaller part has points is worth when pairs compete
 
 
@@ -50,6 +52,17 @@ class Trials:
         T = register_bodies(self.frames.trees[f], normals, self.x[point], self.nx[point], body, T, schedule)
         return T, self.cost(f, point, body, T)
 
+    def seen(self, f: int, point: IntArray, body: IntArray, T: Array, cost: Array) -> Array:
+        """(n,) these misfits, nan where frame f cannot tell: it has nothing there and sees no further."""
+        if self.frames.views is None:
+            return cost
+        far = np.flatnonzero(cost > UNCONFIRMED)
+        y = transform_by(T, body[far], self.x[point[far]])
+        blind = np.isin(self.frames.views.classes(y, np.full(len(far), f)), BLIND)
+        out = cost.copy()
+        out[far[blind]] = np.nan
+        return out
+
 
 def mean_by(body: IntArray, value: Array, n: int) -> Array:
     return np.bincount(body, value, minlength=n) / np.maximum(np.bincount(body, minlength=n), 1)
@@ -61,15 +74,17 @@ def flatten(sets: list[IntArray]) -> tuple[IntArray, IntArray]:
 
 
 def own_cost(trials: Trials, T: Array, parts: list[int], subsets: dict[int, IntArray]) -> dict[int, Array]:
-    """Per part (F - 1,) mean misfit under its own motion; also after a free refit, so that a badly placed part does
-    not look mergeable."""
+    """(F - 1, n) misfit of the subset of each part in the other frames, now or after registration by itself; nan where
+    a frame cannot tell."""
     point, body = flatten([subsets[p] for p in parts])
-    out = np.empty((len(trials.others), len(parts)))
+    out, P = np.empty((len(trials.others), len(point))), len(parts)
     for i, f in enumerate(trials.others):
-        now = mean_by(body, trials.cost(f, point, body, T[f, parts]), len(parts))
-        _, refit = trials.register(f, point, body, T[f, parts], Schedule(6, 2.2, 0.56))
-        out[i] = np.minimum(now, mean_by(body, refit, len(parts)))
-    return {p: out[:, k] for k, p in enumerate(parts)}
+        here, now = T[f, parts], trials.cost(f, point, body, T[f, parts])
+        moved, then = trials.register(f, point, body, here, Schedule(6, 2.2, 0.56))
+        better = mean_by(body, then, P) < mean_by(body, now, P)
+        best = np.where(better[:, None, None], moved, here)
+        out[i] = trials.seen(f, point, body, best, np.where(better[body], then, now))
+    return {p: out[:, body == k] for k, p in enumerate(parts)}
 
 
 def try_pairs(
@@ -80,7 +95,8 @@ def try_pairs(
     own: dict[int, Array],
     told: Told = untold,
 ) -> dict[Pair, tuple[float, Array]]:
-    """Score and common motion (F, 4, 4) of every pair: growth of the misfit when one body carries both.
+    """Score and common motion (F, 4, 4) of every pair: growth of the misfit when one body carries both,
+    as far as the frames tell of both.
 
     The score is the larger growth of the two parts (mean over the frames, or half the mean of the worst quarter),
     less the sampling error of that mean and an allowance for parts so small that they overfit.
@@ -100,11 +116,13 @@ def try_pairs(
         best = np.where(mean[:n] <= mean[n:], 0, 1)
         common[:, f] = T_new[np.arange(n) + n * best]
         chosen = cost.reshape(2, -1)[best[body], np.arange(len(body))]
-        growth[i] = mean_by(side, chosen, 2 * n)
+        before = np.concatenate([own[p][i] for pair in pairs for p in pair])
+        after = trials.seen(f, point, body, common[:, f], chosen)
+        growth[i] = mean_by(side, np.nan_to_num(after - before), 2 * n)
         told((i + 1) / len(trials.others))
     out = {}
     for k, (a, b) in enumerate(pairs):
-        d = growth[:, 2 * k : 2 * k + 2] - np.stack([own[a], own[b]], axis=1)
+        d = growth[:, 2 * k : 2 * k + 2]
         worst = np.sort(d, axis=0)[-max(1, len(d) // 4) :].mean(axis=0)
         smaller = min(len(subsets[a]), len(subsets[b]))
         error = 0.45 / np.sqrt(len(d) * smaller / 3)

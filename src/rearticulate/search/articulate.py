@@ -19,7 +19,16 @@ from rearticulate.joints.tree import Projection
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import surface_noise
 from rearticulate.observe.misfit import point_misfit
-from rearticulate.parts.bodies import Bodies, labels_of, make_bodies, score, to_relaxed, without_crumbs
+from rearticulate.parts.bodies import (
+    Bodies,
+    Explanation,
+    explanation,
+    labels_of,
+    make_bodies,
+    score,
+    to_relaxed,
+    without_crumbs,
+)
 from rearticulate.parts.ownership import exchange, relabel
 from rearticulate.parts.relaxed import Relaxed
 from rearticulate.parts.repair import repair_poses
@@ -62,7 +71,7 @@ def articulate(
         if more is not bodies:
             bodies = explain(frames, canonical, more, config, bodies, combined)
     start = project(frames, canonical, to_relaxed(bodies, len(relaxed.labels)), config, rng, projected)
-    best, lowest, tried = None, np.inf, ()
+    best, lowest, tried = None, None, ()
     only_one = relaxed.found > config.max_parts or not config.uses("second look")
     for one_try in tries[:1] if only_one else tries:
         structure, motion = steps(one_try, 2)
@@ -71,10 +80,10 @@ def articulate(
             if same_structure(start, best):
                 break
         new, value = adjust(frames, canonical, start, thickness, config, rng, motion)
-        gain = lowest - value
+        gain = np.inf if lowest is None else -value.over(lowest)
         if gain > 0:
             best, lowest = new, value
-        if gain < WORTH * value:
+        if gain < WORTH * score(frames, new.bodies):
             break
     assert best is not None
     tree, bodies, labels, fine = best.tree, best.bodies, best.labels, last_sigma(frames.noise)
@@ -133,9 +142,9 @@ def adjust(
     config: FitConfig,
     rng: np.random.Generator,
     told: Told = untold,
-) -> tuple[Hypothesis, float]:
+) -> tuple[Hypothesis, Explanation]:
     """Motions and labels in turn under a given structure, from the better of its starts; parts that were
-    lost start again, and joints that nothing needs go. Returns the hypothesis and its score."""
+    lost start again, and joints that nothing needs go. Returns the hypothesis and what its score is made of."""
     hypotheses, step = [], steps(told, 2 * len(start.starts) + 4)
     for labels in start.starts:
         scales = (SIGMA_WIDE, SIGMA)
@@ -148,7 +157,7 @@ def adjust(
         tree = restart(frames, canonical, hypothesis, rng, next(step))
     tree, bodies = bundle_adjust(frames, canonical, tree, labels, (SIGMA,), bodies, next(step))
     if not config.uses("simplify"):
-        return Hypothesis(tree, bodies), score(frames, bodies)
+        return Hypothesis(tree, bodies), explanation(frames, bodies)
     tree, bodies, value = simplify(frames, canonical, tree, bodies, next(step))
     return Hypothesis(tree, bodies), value
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from rearticulate.config import FitConfig
 from rearticulate.observe.frames import Frames
-from rearticulate.parts.bodies import Bodies, score, settled, without_crumbs
+from rearticulate.parts.bodies import Bodies, explanation, score, settled, without_crumbs
 from rearticulate.parts.ownership import exchange, relabel
 from rearticulate.progress import Told, steps, untold
 from rearticulate.search.moves.merge import merge_bodies
@@ -21,10 +21,11 @@ WORTH = 2e-3  # share of the score that a turn must bring if there is to be anot
 def explain(
     frames: Frames, canonical: int, bodies: Bodies, config: FitConfig, tried: Bodies = (), told: Told = untold
 ) -> Bodies:
-    """The bodies of the lowest score after a few turns. tried: bodies that need not be changed again."""
-    best, lowest = bodies, np.inf
-    for each in steps(told, TURNS):
-        points, layers, merges = steps(each, 3)
+    """The bodies of the lowest score after a few turns. What was split must find its place in the next turn, and at the
+    end any two are asked once more whether they are one. tried: bodies that need not be changed again."""
+    best, lowest, turns = bodies, None, steps(told, TURNS)
+    for more in reversed(range(TURNS)):
+        points, layers, merges = steps(next(turns), 3)
         bodies = relabel(frames, settled(frames, canonical, bodies, ROUGH + FINE), told=points)
         if config.uses("exchange"):
             bodies = exchange(frames, bodies, tried, layers)
@@ -32,15 +33,15 @@ def explain(
         if config.uses("sweep"):
             bodies = sweep_bodies(frames, canonical, bodies, tried)
         bodies = merge_bodies(frames, canonical, bodies, tried, merges)
-        new = score(frames, bodies)
-        gain = lowest - new
+        new = explanation(frames, bodies)
+        gain = np.inf if lowest is None else -new.over(lowest)
         if gain > 0:
             best, lowest = bodies, new
         before, tried = tried, bodies
-        if config.uses("split"):
+        if config.uses("split") and more:
             bodies = split_bodies(frames, canonical, bodies, before, config.uses("slides"))
         if len(bodies) > len(tried):
-            best, lowest = bodies, score(frames, bodies)
-        elif gain < WORTH * new:
+            lowest = None
+        elif gain < WORTH * score(frames, bodies):
             break
-    return best
+    return merge_bodies(frames, canonical, best)

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.geometry.se3 import inverse
-from rearticulate.observe.body import Body, alike, make_body, own_misfits
+from rearticulate.observe.body import Body, alike, growth, make_body
 from rearticulate.observe.frames import Frames
-from rearticulate.parallel import each
-from rearticulate.parts.bodies import LEAST, Bodies, labels_of, own_normals, price
+from rearticulate.parts.bodies import LEAST, Bodies, all_shares, labels_of, own_normals, price
 from rearticulate.parts.cuts import Borders, sheet_borders
 from rearticulate.parts.relaxed import Relaxed
 
@@ -41,7 +40,7 @@ def combine_bodies(frames: Frames, canonical: int, bodies: Bodies, others: Seque
 def _with(frames: Frames, bodies: Bodies, new: Body, borders: Borders) -> Bodies:
     """The bodies and the new one, which takes its points from them, if that lowers the score; else the bodies.
     borders: between points as the bodies have them."""
-    M, noise = len(frames.points), frames.noise
+    M = len(frames.points)
     taken = np.zeros(M, dtype=bool)
     taken[new.rows] = True
     losers = [body for body in bodies if taken[body.rows].any()]
@@ -52,8 +51,7 @@ def _with(frames: Frames, bodies: Bodies, new: Body, borders: Borders) -> Bodies
         new = make_body(frames, np.sort(np.concatenate([new.rows, *(crumb.rows for crumb in crumbs)])), new.T)
     kept = tuple(body for body in bodies if not taken[body.rows].any())
     after = (*kept, *rests, new)
-    change = borders.between(labels_of(after, M)) - borders.between(labels_of(bodies, M))
-    change += price(frames) * (len(after) - len(bodies))
-    misfit = each(lambda body: float(own_misfits(body, noise).sum()), [*rests, new, *losers])
-    change += sum(misfit[: len(rests) + 1]) - sum(misfit[len(rests) + 1 :])
-    return after if change < 0 else bodies
+    cost = borders.between(labels_of(after, M)) - borders.between(labels_of(bodies, M))
+    cost += price(frames) * (len(after) - len(bodies))
+    cost += growth(all_shares(frames, losers), all_shares(frames, [*rests, new]))
+    return after if cost < 0 else bodies

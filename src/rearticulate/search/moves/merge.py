@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.geometry.se3 import transform
-from rearticulate.observe.body import Body, join, make_body, own_misfits, register
+from rearticulate.observe.body import Body, growth, join, make_body, register, shares
 from rearticulate.observe.frames import Frames
 from rearticulate.parallel import each
 from rearticulate.parts.bodies import Bodies, border_between, fresh, labels_of, own_normals, price
@@ -29,13 +29,13 @@ HOPELESS = 4.0  # prices; growth of the score at a first look beyond which the p
 
 @dataclass
 class _Merging:
-    """Bodies by number while they are merged; their misfits; growth of the score and the union of pairs."""
+    """Bodies by number while they are merged; their shares; growth of the score and the union of pairs."""
 
     frames: Frames
     canonical: int
     borders: Borders
     body: dict[int, Body]
-    misfit: dict[int, Array]
+    shares: dict[int, Array]
     pair: dict[tuple[int, int], tuple[float, Body]]
     possible: NDArray[np.bool_]
 
@@ -48,27 +48,27 @@ class _Merging:
     def test(self, a: int, b: int) -> tuple[float, Body]:
         A, B = self.body[a], self.body[b]
         border = border_between(self.borders, A.rows, B.rows, len(self.frames.points))
-        union, growth = A, np.inf
+        union, least = A, np.inf
         i, j = _sample(0, len(A)), _sample(len(A), len(B))
         for T in (A.T, B.T):
             both = join(A.moved(T), B.moved(T))
             both = register(self.frames, self.canonical, both, ROUGH, asked=2 * ASKED, renew=False)
-            more_a = own_misfits(both, self.frames.noise, i) - self.misfit[a][i]
-            more_b = own_misfits(both, self.frames.noise, j) - self.misfit[b][j - len(A)]
-            estimate = more_a.mean() * len(A) + more_b.mean() * len(B) - border
-            if estimate < growth:
-                union, growth = both, float(estimate)
-        if growth > HOPELESS * price(self.frames):
-            return growth, union
+            more_a = growth(self.shares[a][i], shares(self.frames, both, i)) / len(i)
+            more_b = growth(self.shares[b][j - len(A)], shares(self.frames, both, j)) / len(j)
+            estimate = more_a * len(A) + more_b * len(B) - border
+            if estimate < least:
+                union, least = both, estimate
+        if least > HOPELESS * price(self.frames):
+            return least, union
         union = register(self.frames, self.canonical, make_body(self.frames, np.sort(union.rows), union.T), FINE)
-        value = float(own_misfits(union, self.frames.noise).sum())
-        return value - float(self.misfit[a].sum() + self.misfit[b].sum()) - border, union
+        before = np.concatenate([self.shares[a], self.shares[b]])[np.argsort(np.concatenate([A.rows, B.rows]))]
+        return growth(before, shares(self.frames, union)) - border, union
 
     def merge(self, a: int, b: int) -> None:
         """The second becomes part of the first."""
         self.body[a] = self.pair[a, b][1]
-        self.misfit[a] = own_misfits(self.body[a], self.frames.noise)
-        del self.body[b], self.misfit[b]
+        self.shares[a] = shares(self.frames, self.body[a])
+        del self.body[b], self.shares[b]
         self.possible[a] |= self.possible[b]
         self.possible[:, a] |= self.possible[:, b]
         self.pair = {e: found for e, found in self.pair.items() if not {a, b} & set(e)}
@@ -96,14 +96,14 @@ def merge_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies =
     new = fresh(bodies, tried)
     borders = sheet_borders(frames, own_normals(bodies, len(frames.points)))
     numbered = dict(enumerate(bodies))
-    misfit = dict(enumerate(each(lambda body: own_misfits(body, frames.noise), bodies)))
+    now = dict(enumerate(each(lambda body: shares(frames, body), bodies)))
     pairs = possible(frames, bodies) & np.logical_or.outer(new, new)
-    state = _Merging(frames, canonical, borders, numbered, misfit, {}, pairs)
+    state = _Merging(frames, canonical, borders, numbered, now, {}, pairs)
     for _ in rounds(told):
         pairs = list(state.untested())
         state.pair.update(zip(pairs, each(lambda pair: state.test(*pair), pairs), strict=True))
-        growth, best = min(((found[0], e) for e, found in state.pair.items()), default=(np.inf, (0, 0)))
-        if growth >= price(frames):
+        least, best = min(((found[0], e) for e, found in state.pair.items()), default=(np.inf, (0, 0)))
+        if least >= price(frames):
             break
         state.merge(*best)
     return tuple(state.body.values())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
@@ -9,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
-from rearticulate.observe.body import Body, denials, make_body, misfits, own_misfits, register
+from rearticulate.observe.body import Body, denials, growth, make_body, misfits, own_misfits, register, shares
 from rearticulate.observe.frames import Frames
 from rearticulate.parallel import each
 from rearticulate.parts.bodies import Bodies, fresh, own_normals, price
@@ -19,7 +21,7 @@ from rearticulate.search.moves.slides import screws, slides
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
-Two = tuple[float, Body, Body]  # misfit and border of two bodies in place of one, and the two
+Two = tuple[float, Body, Body]  # growth of misfit and borders with two bodies in place of one, and the two
 
 LEAST = 6  # points a frame of each of two bodies
 LOOSE = 3.0  # spacings; components are farther apart
@@ -44,18 +46,18 @@ def split_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies =
 
     def parts(body: Body, other: Body | None) -> Bodies:
         """What becomes of one body; what was split may be split again."""
-        now = float(own_misfits(body, frames.noise).sum())
+        now, before = float(own_misfits(body, frames.noise).sum()), shares(frames, body)
         within = inside(borders, body, len(frames.points))
         motions = slides(canonical, body, frames.noise, screws(body, other), TRIES, price(frames)) if sheets else []
         if sheets and lively and travel(body) > MOVES:
             motions.append(np.tile(np.eye(4), (frames.n_frames, 1, 1)))
         options = [
-            by_components(frames, canonical, body),
-            *by_regions(frames, canonical, body, within, now),
-            *by_motions(frames, canonical, body, motions, within, now),
+            by_components(frames, canonical, body, before),
+            *by_regions(frames, canonical, body, within, now, before),
+            *by_motions(frames, canonical, body, motions, within, now, before),
         ]
         cost, first, second = min(options, key=lambda two: two[0])
-        if now - cost < price(frames):
+        if -cost < price(frames):
             return (body,)
         return (*parts(first, second), *parts(second, first))
 
@@ -93,7 +95,7 @@ def components(body: Body) -> IntArray:
     return connected_components(coo_matrix((np.ones(len(i)), (i, near[i, k])), shape=(n, n)), directed=False)[1]
 
 
-def by_components(frames: Frames, canonical: int, body: Body) -> Two:
+def by_components(frames: Frames, canonical: int, body: Body, before: Array) -> Two:
     """The best split of what does not touch the rest of the body."""
     component = components(body)
     size, least = np.bincount(component), LEAST * frames.n_frames
@@ -103,23 +105,23 @@ def by_components(frames: Frames, canonical: int, body: Body) -> Two:
         if min(size[q], len(body) - size[q]) >= least:
             halves = [make_body(frames, body.rows[side], body.T) for side in (~second, second)]
             two = [register(frames, canonical, half, APART) for half in halves]
-            cost = sum(float(own_misfits(each, frames.noise).sum()) for each in two)
+            cost = more(frames, before, second, two)
             best = min(best, (cost, two[0], two[1]), key=lambda found: found[0])
     return best
 
 
-def by_regions(frames: Frames, canonical: int, body: Body, within: Borders, now: float) -> list[Two]:
+def by_regions(frames: Frames, canonical: int, body: Body, within: Borders, now: float, before: Array) -> list[Two]:
     """Splits that begin with a region that a motion of its own explains better. now: misfit of the body."""
     tries = registered(frames, canonical, body, regions_of(body, canonical))
     out = []
     for found in sorted((one for one in tries if one.gain > PROMISE), key=lambda one: -one.gain)[:TRIES]:
         near = nearest(search_tree(body.z[found.rows]), body.z, within=AROUND)[0] < AROUND
-        out.append(separate(frames, canonical, body, near.astype(np.int64), found.T, within, LOCAL, now))
+        out.append(separate(frames, canonical, body, near.astype(np.int64), found.T, within, LOCAL, now, before))
     return out
 
 
 def by_motions(
-    frames: Frames, canonical: int, body: Body, motions: list[Array], within: Borders, now: float
+    frames: Frames, canonical: int, body: Body, motions: list[Array], within: Borders, now: float, before: Array
 ) -> list[Two]:
     """Splits that begin with one of several second motions (F, 4, 4), for whatever is denied less so: whole sheets,
     since their inner points may fit both ways."""
@@ -132,7 +134,7 @@ def by_motions(
         labels = np.zeros(len(body), dtype=np.int64)
         for _ in range(INNER):
             labels = both_ways(cost, labels, whole)
-        out.append(separate(frames, canonical, body, labels, T, within, WHOLE, now))
+        out.append(separate(frames, canonical, body, labels, T, within, WHOLE, now, before))
     return out
 
 
@@ -154,6 +156,7 @@ def separate(
     within: Borders,
     strengths: tuple[float, ...],
     now: float,
+    before: Array,
 ) -> Two:
     """Two bodies in place of one: they begin with labels (n,), 1 for the second, which moves by T (F, 4, 4); then
     labels and motions of the two in turn, under borders of these strengths. within: borders in the body, by numbers of
@@ -161,7 +164,7 @@ def separate(
     least, motions = LEAST * frames.n_frames, [body.T, T]
     two: list[Body] = []
     for strength in strengths:
-        before = labels
+        last = labels
         for k in range(INNER):
             if min(len(labels) - labels.sum(), labels.sum()) < least:
                 return nothing(body)
@@ -174,10 +177,15 @@ def separate(
         value = cost[np.arange(len(labels)), labels].sum() + within.between(labels)
         if strength == 1 and value > now + HOPELESS * price(frames):
             return nothing(body)
-        if strength == 1 and np.mean(labels != before) < SETTLED:
+        if strength == 1 and np.mean(labels != last) < SETTLED:
             break
     if min(len(labels) - labels.sum(), labels.sum()) < least:
         return nothing(body)
     two = [register(frames, canonical, make_body(frames, body.rows[labels == p], motions[p]), SCALES) for p in (0, 1)]
-    misfit = sum(float(own_misfits(each, frames.noise).sum()) for each in two)
-    return misfit + within.between(labels), two[0], two[1]
+    return more(frames, before, labels == 1, two) + within.between(labels), two[0], two[1]
+
+
+def more(frames: Frames, before: Array, second: NDArray[np.bool_], two: Sequence[Body]) -> float:
+    """By how much the misfit grows when a body of shares before (n, G) becomes two, second (n,) of its points the
+    other one."""
+    return sum(growth(before[side], shares(frames, half)) for side, half in zip((~second, second), two, strict=True))
