@@ -8,12 +8,16 @@ import pytest
 from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, log_se3
 from rearticulate.joints.articulated import normalise_twists
 from rearticulate.joints.chains import (
+    FORGOTTEN,
+    LOST_SHARE,
     fit_chain,
     fit_prismatic,
     fit_revolute,
     fit_series,
+    kept,
     relative_motion,
     rest_cost,
+    trust,
     weighted_square,
 )
 
@@ -191,3 +195,35 @@ def test_who_is_lost_says_nothing_about_the_other():
     H[:, 2] = 0
     _, W = relative_motion(T, H, np.array([2, 1]), np.array([0, 2]), CANONICAL)
     assert np.abs(W).max() < 1e-4 * np.abs(H).max()
+
+
+@pytest.mark.parametrize("joints", [1, 2])
+def test_frames_in_which_a_part_was_lost_have_no_say(joints: int) -> None:
+    """A pose 50 spacings off in one end frame: the screws are those of the others, and the part stays as it was."""
+    rng = np.random.default_rng(4)
+    twist, q = screws(rng, joints), values(rng, joints, 1.0)
+    A = product(twist, q)
+    A[:, F - 1, :3, 3] += 50.0
+    start, zero = twist + 0.01 * rng.normal(size=twist.shape), q + 0.02 * rng.normal(size=q.shape)
+    fit = fit_chain(
+        A, POINTS, normalise_twists(start, np.ones((B, joints), bool)), zero, np.ones((B, joints), bool), CANONICAL, 30
+    )
+    np.testing.assert_array_equal(fit.q[:, F - 1], fit.q[:, F - 2])
+    rest = exp_se3(fit.q[..., 0, None] * fit.twist[:, None, 0])
+    for k in range(1, joints):
+        rest = rest @ exp_se3(fit.q[..., k, None] * fit.twist[:, None, k])
+    assert np.abs(rest - A)[:, : F - 1].max() < 2 * FORGOTTEN * 50
+
+
+def test_a_fifth_of_the_frames_at_most_may_be_lost() -> None:
+    squares = 300 * np.tile([0.0, 900.0, 900.0, 900.0, 1.0, 1.0, 1.0, 1.0, 1.0, 400.0], (1, 1))
+    weight = trust(squares, np.tile(np.diag([3e4] * 3 + [110.0] * 3), (1, 10, 1, 1)))
+    assert (weight < 1).sum() == int(LOST_SHARE * 10)
+    assert (weight[0, [0, 4, 5, 6, 7, 8, 9]] == 1).all()
+    assert (trust(0.01 * squares, np.tile(np.diag([3e4] * 3 + [110.0] * 3), (1, 10, 1, 1))) == 1).all()
+
+
+def test_joint_values_that_are_not_trusted_are_those_of_the_frame_before() -> None:
+    q = np.arange(12.0).reshape(1, 6, 2)
+    trusted = np.array([[False, False, True, True, False, True]])
+    np.testing.assert_array_equal(kept(q, trusted, 3)[0, :, 0], [4, 4, 4, 6, 6, 10])

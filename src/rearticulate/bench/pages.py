@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from rearticulate.bench import (
     capture_page,
     dynamics_page,
+    evidence_page,
     everyday_page,
     flow_page,
     mechanisms_page,
@@ -41,6 +42,7 @@ PAGES = {
     "results": Page(results_page.JOBS, results_page.report),
     "robustness": Page(robustness_page.JOBS, robustness_page.report),
     "everyday": Page(everyday_page.JOBS, everyday_page.report),
+    "evidence": Page([], evidence_page.report),
     "capture": Page(capture_page.JOBS, capture_page.report),
     "stability": Page(stability_page.JOBS, stability_page.report),
     "mechanisms": Page(mechanisms_page.JOBS, mechanisms_page.report),
