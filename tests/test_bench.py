@@ -23,6 +23,7 @@ from rearticulate.bench.cases import (
     find_case,
 )
 from rearticulate.bench.columns import mean_metrics
+from rearticulate.bench.evidence_page import evidence
 from rearticulate.bench.flow_page import fits
 from rearticulate.bench.gate import is_worse, load_facts, regressions
 from rearticulate.bench.markdown import table
@@ -34,6 +35,8 @@ from rearticulate.bench.worker import run_case
 from rearticulate.commands.benching import BenchOptions, choose, run_bench
 from rearticulate.errors import FitError, InputError
 from rearticulate.io import load_truth
+from rearticulate.synth import objects
+from rearticulate.synth.articulated import record
 
 
 def perfect_answer(case, folder):
@@ -225,7 +228,7 @@ def answers_of(names, variants):
 
 
 def test_every_page_shows_what_there_is():
-    for page in (p for name, p in PAGES.items() if name not in ("flow", "loops")):  # those measure
+    for page in (p for name, p in PAGES.items() if name not in ("flow", "loops", "evidence")):  # those measure
         text = page.render({"seed": "0"}, {})
         assert text.startswith("# ")
     for name in ("results", "robots", "energies", "designs", "household", "time"):
@@ -331,3 +334,10 @@ def test_the_page_of_mechanisms_leaves_out_one_at_a_time():
     assert f"| default | 0.100 | 0.900 | 1.00 | 1.00 | 2.0 | of {len(objects)} |" in text
     assert "| without network | +0.100 | +0.000 | +0.00 | -0.07 | -0.9 | 1 of 15 |" in text
     assert all(name in text for name in objects)
+
+
+def test_the_score_knows_true_parts_of_a_simple_thing() -> None:
+    sequence, truth = record(objects.hinge(), frames=5, points=1200, step_deg=15)
+    found = evidence(sequence, truth)
+    assert (found.joints, found.paying, found.parts, found.pieces) == (1, 1, 2, 2)
+    assert found.rand > 0.95 and found.error < 0.5

@@ -13,7 +13,7 @@ from rearticulate.bench.markdown import head, table
 from rearticulate.bench.runner import Answer
 from rearticulate.config import FitConfig
 from rearticulate.evaluation.clustering import rand_index
-from rearticulate.geometry.se3 import transform, transform_by
+from rearticulate.geometry.se3 import to_unit, transform, transform_by
 from rearticulate.observe.frames import Frames, make_frames
 from rearticulate.parts.bodies import LEAST, Bodies, labels_of, make_bodies, settled
 from rearticulate.parts.ownership import exchange, relabel
@@ -35,7 +35,7 @@ MOVED = 1.0  # spacings; a joint that moves its part by less, on average over po
 SCALES = (0.4, 0.3)
 TEXT = (
     "No search: the score is asked at the true motions and labels. *Joints that pay*: of the joints that move their "
-    f"part by {MOVED:g} spacing or more on average, those whose loss raises the score, the two parts registered anew as "
+    f"part by {MOVED:g} spacing or more on average, those whose loss raises the score, both parts registered anew as "
     "one. *False splits*: pieces that the split move makes of true parts since the score falls. *Labels*: how many "
     "stay if `relabel` and `exchange` settle them under the true motions: Rand index against the true ones, and the "
     "mean error of points that they cost."
@@ -90,7 +90,7 @@ def evidence(sequence: PointSequence, truth: GroundTruth, seed: int = 0) -> Evid
     c = len(sequence) // 2
     true_labels = [truth.labels[f][sequence.index[f]][rows] for f, rows in enumerate(chosen)]
     labels = np.concatenate(true_labels)[frames.order]
-    T = true_motions(truth, frames, c)
+    T = to_unit(truth.motion(c), frames.unit, frames.centre)
     bodies = make_bodies(frames, T, labels)
     joints = moving_joints(truth, frames, bodies)
     paying = sum(len(merge_bodies(frames, c, pair)) == 2 for pair in joints)
@@ -106,14 +106,6 @@ def evidence(sequence: PointSequence, truth: GroundTruth, seed: int = 0) -> Evid
         rand=rand_index(labels, now),
         error=100 * frames.unit * float(np.linalg.norm(shift, axis=-1).mean()),
     )
-
-
-def true_motions(truth: GroundTruth, frames: Frames, canonical: int) -> Array:
-    """(F, P, 4, 4) of the parts, in the coordinates of the frames."""
-    T = truth.motion(canonical).copy()
-    shift = np.einsum("fpij,j->fpi", T[..., :3, :3], frames.centre) - frames.centre
-    T[..., :3, 3] = (T[..., :3, 3] + shift) / frames.unit
-    return T
 
 
 def moving_joints(truth: GroundTruth, frames: Frames, bodies: Bodies) -> list[Bodies]:

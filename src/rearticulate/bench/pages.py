@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from rearticulate.bench import (
     capture_page,
     dynamics_page,
-    evidence_page,
     everyday_page,
+    evidence_page,
     flow_page,
     mechanisms_page,
     paper_pages,

@@ -46,8 +46,7 @@ def split_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies =
 
     def parts(body: Body, other: Body | None) -> Bodies:
         """What becomes of one body; what was split may be split again."""
-        body, before = at_its_best(frames, canonical, body)
-        now = float(own_misfits(body, frames.noise).sum())
+        now, before = float(own_misfits(body, frames.noise).sum()), shares(frames, body)
         within = inside(borders, body, len(frames.points))
         motions = slides(canonical, body, frames.noise, screws(body, other), TRIES, price(frames)) if sheets else []
         if sheets and lively and travel(body) > MOVES:
@@ -67,18 +66,6 @@ def split_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies =
         return parts(bodies[p], max(others, key=len, default=None)) if new[p] else (bodies[p],)
 
     return tuple(part for found in each(work, range(len(bodies))) for part in found)
-
-
-def at_its_best(frames: Frames, canonical: int, body: Body) -> tuple[Body, Array]:
-    """The body and its shares. What two bodies would gain by being registered once more is no reason to split: where
-    that explains the points better, the one is registered as they will be."""
-    before = shares(frames, body)
-    for scales in (APART, SCALES):
-        again = register(frames, canonical, body, scales)
-        after = shares(frames, again)
-        if growth(before, after) < 0:
-            body, before = again, after
-    return body, before
 
 
 def travel(body: Body) -> float:
