@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rearticulate.config import FitConfig
-from rearticulate.geometry.se3 import exp_se3, inverse, transform
+from rearticulate.geometry.se3 import exp_se3, inverse, to_unit, transform
 from rearticulate.joints.project import UNSEEN, open_share
 from rearticulate.observe.body import DENIED, Body, growth, make_body, own_misfits, shares
 from rearticulate.observe.frames import Frames, make_frames
@@ -162,8 +162,7 @@ def turning_block() -> tuple[Frames, Body]:
         y = transform(pose, x * size)
         clouds.append(y[np.einsum("ij,ij->i", normal @ pose[:3, :3].T, EYE - y) > 0])
     frames = make_frames(clouds, origins=[EYE[None]] * 5)
-    T = T.copy()
-    T[:, :3, 3] = (np.einsum("fij,j->fi", T[:, :3, :3], frames.centre) - frames.centre) / frames.unit
+    T = to_unit(T, frames.unit, frames.centre)
     return frames, make_body(frames, np.arange(len(frames.points)), T @ inverse(T[2]))
 
 

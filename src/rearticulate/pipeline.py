@@ -82,12 +82,7 @@ def fit(
     clock, store = Clock(progress), store or StageStore(None)
     clock("prepare", 0.0)
     rng = np.random.default_rng(seed)
-    chosen = [working_rows(len(p), config.working_points, rng) for p in sequence.points]
-    frames = make_frames(
-        [p[rows] for p, rows in zip(sequence.points, chosen, strict=True)],
-        origins=sequence.origins if config.uses("views") else (),
-        sensor=[s[rows] for s, rows in zip(sequence.sensor, chosen, strict=False)],
-    )
+    frames, chosen = working_frames(sequence, config, rng)
     known = complete_frames(np.diff(frames.start))
     left_out = canonical is not None and canonical not in known
     if left_out or config.deviation.joints == "ball" or not config.uses("incomplete frames"):
@@ -135,6 +130,19 @@ def canonical_frames(
     tries = min(config.canonical_tries, max(2, config.canonical_work // int(counts.sum())))
     few = counts < config.canonical_share * counts.max() if cover is None else cover < COVER * cover.max()
     return sorted(range(F), key=lambda c: (few[c], abs(c - F // 2), c))[:tries]
+
+
+def working_frames(
+    sequence: PointSequence, config: FitConfig, rng: np.random.Generator
+) -> tuple[Frames, list[IntArray]]:
+    """What the solver sees of a sequence, and the rows of each of its frames that take part."""
+    chosen = [working_rows(len(p), config.working_points, rng) for p in sequence.points]
+    frames = make_frames(
+        [p[rows] for p, rows in zip(sequence.points, chosen, strict=True)],
+        origins=sequence.origins if config.uses("views") else (),
+        sensor=[s[rows] for s, rows in zip(sequence.sensor, chosen, strict=False)],
+    )
+    return frames, chosen
 
 
 def working_rows(n: int, limit: int, rng: np.random.Generator) -> IntArray:

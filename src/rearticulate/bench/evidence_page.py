@@ -14,10 +14,10 @@ from rearticulate.bench.runner import Answer
 from rearticulate.config import FitConfig
 from rearticulate.evaluation.clustering import rand_index
 from rearticulate.geometry.se3 import to_unit, transform, transform_by
-from rearticulate.observe.frames import Frames, make_frames
+from rearticulate.observe.frames import Frames
 from rearticulate.parts.bodies import LEAST, Bodies, labels_of, make_bodies, settled
 from rearticulate.parts.ownership import exchange, relabel
-from rearticulate.pipeline import working_rows
+from rearticulate.pipeline import working_frames
 from rearticulate.records import GroundTruth, PointSequence
 from rearticulate.search.moves.merge import merge_bodies
 from rearticulate.search.moves.split import split_bodies
@@ -80,13 +80,7 @@ def _cells(found: list[Evidence]) -> list[str]:
 
 def evidence(sequence: PointSequence, truth: GroundTruth, seed: int = 0) -> Evidence:
     """What the score says of the true bodies of a recording."""
-    rng, config = np.random.default_rng(seed), FitConfig()
-    chosen = [working_rows(len(p), config.working_points, rng) for p in sequence.points]
-    frames = make_frames(
-        [p[rows] for p, rows in zip(sequence.points, chosen, strict=True)],
-        origins=sequence.origins,
-        sensor=[s[rows] for s, rows in zip(sequence.sensor, chosen, strict=False)],
-    )
+    frames, chosen = working_frames(sequence, FitConfig(), np.random.default_rng(seed))
     c = len(sequence) // 2
     true_labels = [truth.labels[f][sequence.index[f]][rows] for f, rows in enumerate(chosen)]
     labels = np.concatenate(true_labels)[frames.order]
@@ -96,7 +90,8 @@ def evidence(sequence: PointSequence, truth: GroundTruth, seed: int = 0) -> Evid
     paying = sum(len(merge_bodies(frames, c, pair)) == 2 for pair in joints)
     enough = tuple(body for body in settled(frames, c, bodies, SCALES) if len(body) >= LEAST * frames.n_frames)
     now = labels_of(exchange(frames, relabel(frames, bodies)), len(labels))
-    x, here = frames.points[frames.rows(c)], frames.rows(c)
+    here = frames.rows(c)
+    x = frames.points[here]
     shift = [transform_by(T[f], now[here], x) - transform_by(T[f], labels[here], x) for f in range(frames.n_frames)]
     return Evidence(
         joints=len(joints),

@@ -19,7 +19,6 @@ from rearticulate.observe.fused import points_behind
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
-
 LOST = 4.0  # spacings; rms misfit of a part's points in a frame beyond which its pose may be wrong there ...
 LOST_SHARE = 0.2  # ... as it may be in this share of the frames
 FORGOTTEN = 1e-3  # weight of such a frame
@@ -57,9 +56,14 @@ def relative_motion(T: Array, H: Array, a: IntArray, b: IntArray, canonical: int
     return A, W
 
 
+def squares_by_frame(e: Array, W: Array) -> Array:
+    """(..., F, 6), (..., F, 6, 6) -> (..., F): e' W e."""
+    return np.einsum("...fi,...fij,...fj->...f", e, W, e)
+
+
 def weighted_square(e: Array, W: Array) -> Array:
     """(..., F, 6), (..., F, 6, 6) -> (...): sum over frames of e' W e."""
-    return np.einsum("...fi,...fij,...fj->...", e, W, e)
+    return squares_by_frame(e, W).sum(axis=-1)
 
 
 def trust(squares: Array, W: Array) -> Array:
@@ -94,7 +98,7 @@ def fit_chain(
     B, F = A.shape[:2]
     k = twist.shape[1]
     best = ChainFit(np.full(B, np.inf), twist.copy(), q.copy(), revolute)
-    trusted = np.ones((B, F))
+    trusted = np.ones((B, F), dtype=bool)
     damp_q = 3e-3 * np.where(revolute, 3.5, 1e-4)
     damp_s = 3e-3 * np.tile(np.array([350.0] * 3 + [1.0] * 3), k)
     limit_q = np.where(revolute, 0.1, 18.0)[:, None]
@@ -106,11 +110,11 @@ def fit_chain(
             before[:, :, j] = T
             T = T @ steps[:, :, j]
         e = log_se3(A @ inverse(T))
-        squares = np.einsum("...fi,...fij,...fj->...f", e, W, e)
+        squares = squares_by_frame(e, W)
         w = trust(squares, W)
         cost = (w * squares).sum(axis=1)
         better = cost < best.cost
-        for mine, new in zip((best.cost, best.twist, best.q, trusted), (cost, twist, q, w), strict=True):
+        for mine, new in zip((best.cost, best.twist, best.q, trusted), (cost, twist, q, w == 1), strict=True):
             mine[better] = new[better]
         if i == iterations:
             break
@@ -133,7 +137,7 @@ def fit_chain(
         twist = normalise_twists((adjoint(exp_se3(eta)) @ twist[..., None])[..., 0], revolute)
         q = q + np.clip(dq, -limit_q, limit_q)
         q[:, canonical] = 0
-    return replace(best, q=kept(best.q, trusted == 1, canonical))
+    return replace(best, q=kept(best.q, trusted, canonical))
 
 
 def fit_revolute(A: Array, W: Array, canonical: int, iterations: int = 10) -> ChainFit:
@@ -141,28 +145,30 @@ def fit_revolute(A: Array, W: Array, canonical: int, iterations: int = 10) -> Ch
     fewer parts are lost; the better of the two for each pair."""
     away = np.abs(np.arange(A.shape[1]) - canonical)
     near = away <= np.sort(away)[len(away) // 2]
-    two = [_fit_turn(A, W, known, canonical, iterations) for known in (W, W * near[:, None, None])]
-    better = (two[1].cost < two[0].cost)[:, None, None]
-    return ChainFit(
-        cost=np.minimum(two[0].cost, two[1].cost),
-        twist=np.where(better, two[1].twist, two[0].twist),
-        q=np.where(better, two[1].q, two[0].q),
-        revolute=two[0].revolute,
-    )
+    starts = [_turn(A, known, canonical) for known in (W, W * near[:, None, None])]
+    twist, q = (np.stack(each, axis=1).reshape(-1, *each[0].shape[1:]) for each in zip(*starts, strict=True))
+    A, W = np.repeat(A, len(starts), axis=0), np.repeat(W, len(starts), axis=0)
+    fit = fit_chain(A, W, twist[:, None], q[..., None], np.ones((len(A), 1), bool), canonical, iterations)
+    return best_start(fit, len(starts))
 
 
-def _fit_turn(A: Array, W: Array, known: Array, canonical: int, iterations: int) -> ChainFit:
-    """Start: principal rotation axis, centre of least displacement under the information known (B, F, 6, 6)."""
+def best_start(fit: ChainFit, starts: int) -> ChainFit:
+    """The best of each pair, of a fit in which each has so many starts, one after the other."""
+    cost = fit.cost.reshape(-1, starts)
+    return fit.take(cost.argmin(axis=1) + starts * np.arange(len(cost)))
+
+
+def _turn(A: Array, W: Array, canonical: int) -> tuple[Array, Array]:
+    """Twist (B, 6) and values (B, F) to start from: principal rotation axis, centre of least displacement."""
     w, M = log_so3(A[..., :3, :3]), np.eye(3) - A[..., :3, :3]
-    weight = np.trace(known[..., 3:, 3:], axis1=-2, axis2=-1) + 1e-9
-    axis = np.linalg.eigh(np.einsum("bf,bfi,bfj->bij", weight, w, w))[1][..., 2]
-    MtM = np.einsum("bf,bfji,bfjk->bik", weight, M, M)
-    ridge = 1e-5 * weight.sum(1)[:, None, None] * np.eye(3)
-    origin = np.linalg.solve(MtM + ridge, np.einsum("bf,bfji,bfj->bi", weight, M, A[..., :3, 3])[..., None])[..., 0]
-    twist = np.concatenate([axis, np.cross(origin, axis)], -1)
+    known = np.trace(W[..., 3:, 3:], axis1=-2, axis2=-1) + 1e-9
+    axis = np.linalg.eigh(np.einsum("bf,bfi,bfj->bij", known, w, w))[1][..., 2]
+    MtM = np.einsum("bf,bfji,bfjk->bik", known, M, M)
+    ridge = 1e-5 * known.sum(1)[:, None, None] * np.eye(3)
+    origin = np.linalg.solve(MtM + ridge, np.einsum("bf,bfji,bfj->bi", known, M, A[..., :3, 3])[..., None])[..., 0]
     q = np.einsum("bfi,bi->bf", w, axis)
     q[:, canonical] = 0
-    return fit_chain(A, W, twist[:, None], q[..., None], np.ones((len(A), 1), bool), canonical, iterations)
+    return np.concatenate([axis, np.cross(origin, axis)], -1), q
 
 
 def fit_prismatic(A: Array, W: Array, centre: Array, canonical: int, iterations: int = 8) -> ChainFit:
@@ -196,5 +202,4 @@ def fit_series(A: Array, W: Array, contact: Array, k: int, canonical: int, start
     q = np.einsum("bfi,bki->bfk", many[3], d)
     q[:, canonical] = 0
     fit = fit_chain(many[0], many[1], twist, q, np.ones((B * starts, k), bool), canonical)
-    best = fit.cost.reshape(B, starts).argmin(1) + starts * np.arange(B)
-    return fit.take(best)
+    return best_start(fit, starts)

@@ -24,7 +24,6 @@ from rearticulate.observe.frames import NOISE_FLOOR, Frames
 from rearticulate.observe.misfit import evidence_frames
 from rearticulate.observe.planes import plane_layers, surroundings
 from rearticulate.observe.register import CONVERGED, normal_equations, solve_twists
-from rearticulate.observe.views import BLIND
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -146,11 +145,16 @@ def partners(
     return np.minimum(misfit, DENIED), partner
 
 
+def others(partner: IntArray) -> IntArray:
+    """(n,) how many of the target frames of partners (n, G) are not the point's own; 1 at least."""
+    return np.maximum((partner != HERE).sum(axis=1), 1)
+
+
 def misfits(z: Array, frame: IntArray, body: Body, noise: float) -> Array:
     """(n,) mean misfit over the other frames of points z (n, 3) of frames (n,), at canonical, if they were the
     body's."""
     misfit, partner = partners(z, frame, body, noise)
-    return misfit.sum(axis=1) / np.maximum((partner != HERE).sum(axis=1), 1)
+    return misfit.sum(axis=1) / others(partner)
 
 
 def own_misfits(body: Body, noise: float, asked: IntArray | slice = slice(None)) -> Array:
@@ -164,12 +168,12 @@ def shares(frames: Frames, body: Body, asked: IntArray | slice = slice(None)) ->
     targets = evidence_frames(len(body.T), EVIDENCE_FRAMES)
     z, frame = body.z[asked], body.frame[asked]
     misfit, partner = partners(z, frame, body, frames.noise, targets)
-    misfit /= np.maximum((partner != HERE).sum(axis=1), 1)[:, None]
+    misfit /= others(partner)[:, None]
     misfit[partner == HERE] = np.nan
     if frames.views is not None:
         i, g = np.nonzero(partner == NONE)
         f = np.asarray(targets)[g]
-        blind = np.isin(frames.views.classes(transform_by(body.T, f, z[i]), f), BLIND)
+        blind = frames.views.blind(transform_by(body.T, f, z[i]), f)
         misfit[i[blind], g[blind]] = np.nan
     return misfit
 
@@ -180,6 +184,13 @@ def growth(before: Array, after: Array) -> float:
     return float(np.nansum(after - before))
 
 
+def total(found: Array, frame: IntArray, F: int) -> float:
+    """Misfit of points of frames (n,), of F, from their `shares` (n, G): what a frame cannot tell of is denied."""
+    own = frame[:, None] == np.array(evidence_frames(F, EVIDENCE_FRAMES))
+    blind = np.isnan(found) & ~own
+    return float(np.nansum(found) + (DENIED * blind.sum(axis=1) / np.maximum((~own).sum(axis=1), 1)).sum())
+
+
 def denied(misfit: Array) -> Array:
     """What counts of misfits where surfaces that slide in themselves are to be told: only that nothing is near."""
     return np.maximum(misfit - VAGUE, 0.0) * (DENIED / (DENIED - VAGUE))
@@ -188,7 +199,7 @@ def denied(misfit: Array) -> Array:
 def denials(body: Body, noise: float) -> Array:
     """(n,) what counts of the misfits of a body's own points (`denied`), mean over the other frames."""
     misfit, partner = partners(body.z, body.frame, body, noise)
-    return denied(misfit).sum(axis=1) / np.maximum((partner != HERE).sum(axis=1), 1)
+    return denied(misfit).sum(axis=1) / others(partner)
 
 
 def pair_equations(body: Body, sigma: float, stride: int = 1) -> tuple[Array, Array]:
@@ -204,7 +215,7 @@ def pair_equations(body: Body, sigma: float, stride: int = 1) -> tuple[Array, Ar
     z, other, n = z[i], body.z[j], body.normals[j]
     gap = z - other
     w = geman_mcclure(np.einsum("ni,ni->n", gap, n) ** 2 + POINT_SHARE * np.einsum("ni,ni->n", gap, gap), sigma)
-    w *= 0.5 * stride / np.maximum((partner != HERE).sum(axis=1), 1)[i]
+    w *= 0.5 * stride / others(partner)[i]
     H_here, g_here = normal_equations(z, other, n, w, POINT_WEIGHT * w, frame[i], F)
     H_there, g_there = normal_equations(other, z, n, w, POINT_WEIGHT * w, body.frame[j], F)
     return H_here + H_there, g_here + g_there

@@ -20,7 +20,6 @@ Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
 UNKNOWN, HIDDEN, NEAR, EMPTY = range(4)  # of several sensors the highest has the word
-BLIND = (UNKNOWN, HIDDEN)  # no sensor tells what is there
 WINDOW = 5  # pixels of a spacing; so many hold a point nearly always, while every third pixel alone is empty
 TOLERANCE = 1.0  # spacings; sampling and slope within a pixel ...
 SURE = 2.5  # ... and so many deviations of the noise
@@ -58,6 +57,10 @@ class Views:
             y, frame, self.first, self.origin, self.axes, self.focal, self.edge, self.corner, self.shape, self.start,
             self.low, self.high, self.tolerance,
         )  # fmt: skip
+
+    def blind(self, y: Array, frame: IntArray) -> NDArray[np.bool_]:
+        """(n,) places y (n, 3) of which no sensor of frames (n,) tells what is there: hidden or unknown."""
+        return np.isin(self.classes(y, frame), (UNKNOWN, HIDDEN))
 
     def cover(self, y: Array) -> Array:
         """(F,) share of places y (n, 3) that each frame does not hide."""

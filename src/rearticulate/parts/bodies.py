@@ -25,6 +25,7 @@ from rearticulate.observe.body import (
     register,
     renewed,
     shares,
+    total,
 )
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.misfit import evidence_frames
@@ -96,29 +97,32 @@ def price(frames: Frames) -> float:
     return (3 + frames.n_frames) * float(np.log(len(frames.points)))
 
 
-def score(frames: Frames, bodies: Bodies) -> float:
-    """Twice minus the log-likelihood of all clouds, borders and the description of the bodies; lower is better."""
-    M = len(frames.points)
-    borders = sheet_borders(frames, own_normals(bodies, M)).between(labels_of(bodies, M))
-    return float(all_misfits(bodies, M, frames.noise).sum()) + borders + price(frames) * (len(bodies) - 1)
-
-
 @dataclass(frozen=True)
 class Explanation:
-    """What a score is made of: shares (M, G) of all points (`observe.body`), and the rest, of borders and bodies."""
+    """How well bodies explain the clouds. shares (M, G): of all points (`observe.body`); rest: cost of borders and of
+    the description of the bodies; score: twice minus the log-likelihood, with what frames cannot tell of as denied, and
+    the rest. Lower is better."""
 
     shares: Array
     rest: float
+    score: float
 
-    def over(self, other: Explanation) -> float:
-        """By how much this score is the higher one, as far as the frames tell of both."""
-        return growth(other.shares, self.shares) + self.rest - other.rest
+    def over(self, other: Explanation | None) -> float:
+        """By how much this score is the higher one, as far as the frames tell of both; minus infinity where there is no
+        other."""
+        return -np.inf if other is None else growth(other.shares, self.shares) + self.rest - other.rest
 
 
 def explanation(frames: Frames, bodies: Bodies) -> Explanation:
-    M = len(frames.points)
-    borders = sheet_borders(frames, own_normals(bodies, M)).between(labels_of(bodies, M))
-    return Explanation(all_shares(frames, bodies), borders + price(frames) * (len(bodies) - 1))
+    M, found = len(frames.points), all_shares(frames, bodies)
+    rest = sheet_borders(frames, own_normals(bodies, M)).between(labels_of(bodies, M))
+    rest += price(frames) * (len(bodies) - 1)
+    return Explanation(found, rest, total(found, frames.frame, frames.n_frames) + rest)
+
+
+def score(frames: Frames, bodies: Bodies) -> float:
+    """See `Explanation`."""
+    return explanation(frames, bodies).score
 
 
 def all_shares(frames: Frames, bodies: Sequence[Body]) -> Array:

@@ -9,7 +9,6 @@ from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import rotate_by, transform_by
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.register import Schedule, fit_cost, register_bodies
-from rearticulate.observe.views import BLIND
 from rearticulate.parts.cluster import adjacent_labels
 from rearticulate.parts.relaxed import Relaxed, keep_parts
 from rearticulate.progress import Told, rounds, steps, untold
@@ -57,8 +56,7 @@ class Trials:
         if self.frames.views is None:
             return cost
         far = np.flatnonzero(cost > UNCONFIRMED)
-        y = transform_by(T, body[far], self.x[point[far]])
-        blind = np.isin(self.frames.views.classes(y, np.full(len(far), f)), BLIND)
+        blind = self.frames.views.blind(transform_by(T, body[far], self.x[point[far]]), np.full(len(far), f))
         out = cost.copy()
         out[far[blind]] = np.nan
         return out

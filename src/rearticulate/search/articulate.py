@@ -80,10 +80,10 @@ def articulate(
             if same_structure(start, best):
                 break
         new, value = adjust(frames, canonical, start, thickness, config, rng, motion)
-        gain = np.inf if lowest is None else -value.over(lowest)
+        gain = -value.over(lowest)
         if gain > 0:
             best, lowest = new, value
-        if gain < WORTH * score(frames, new.bodies):
+        if gain < WORTH * value.score:
             break
     assert best is not None
     tree, bodies, labels, fine = best.tree, best.bodies, best.labels, last_sigma(frames.noise)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from rearticulate.config import FitConfig
 from rearticulate.observe.frames import Frames
-from rearticulate.parts.bodies import Bodies, explanation, score, settled, without_crumbs
+from rearticulate.parts.bodies import Bodies, explanation, settled, without_crumbs
 from rearticulate.parts.ownership import exchange, relabel
 from rearticulate.progress import Told, steps, untold
 from rearticulate.search.moves.merge import merge_bodies
@@ -23,9 +21,9 @@ def explain(
 ) -> Bodies:
     """The bodies of the lowest score after a few turns. What was split must find its place in the next turn, and at the
     end any two are asked once more whether they are one. tried: bodies that need not be changed again."""
-    best, lowest, turns = bodies, None, steps(told, TURNS)
-    for more in reversed(range(TURNS)):
-        points, layers, merges = steps(next(turns), 3)
+    best, lowest = bodies, None
+    for left, turn in zip(reversed(range(TURNS)), steps(told, TURNS), strict=True):
+        points, layers, merges = steps(turn, 3)
         bodies = relabel(frames, settled(frames, canonical, bodies, ROUGH + FINE), told=points)
         if config.uses("exchange"):
             bodies = exchange(frames, bodies, tried, layers)
@@ -34,14 +32,14 @@ def explain(
             bodies = sweep_bodies(frames, canonical, bodies, tried)
         bodies = merge_bodies(frames, canonical, bodies, tried, merges)
         new = explanation(frames, bodies)
-        gain = np.inf if lowest is None else -new.over(lowest)
+        gain = -new.over(lowest)
         if gain > 0:
             best, lowest = bodies, new
         before, tried = tried, bodies
-        if config.uses("split") and more:
+        if config.uses("split") and left:
             bodies = split_bodies(frames, canonical, bodies, before, config.uses("slides"))
         if len(bodies) > len(tried):
             lowest = None
-        elif gain < WORTH * score(frames, bodies):
+        elif gain < WORTH * new.score:
             break
     return merge_bodies(frames, canonical, best)

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
-from rearticulate.observe.body import Body, denials, growth, make_body, misfits, own_misfits, register, shares
+from rearticulate.observe.body import Body, denials, growth, make_body, misfits, register, shares, total
 from rearticulate.observe.frames import Frames
 from rearticulate.parallel import each
 from rearticulate.parts.bodies import Bodies, fresh, own_normals, price
@@ -46,15 +46,15 @@ def split_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies =
 
     def parts(body: Body, other: Body | None) -> Bodies:
         """What becomes of one body; what was split may be split again."""
-        now, before = float(own_misfits(body, frames.noise).sum()), shares(frames, body)
+        before = shares(frames, body)
         within = inside(borders, body, len(frames.points))
         motions = slides(canonical, body, frames.noise, screws(body, other), TRIES, price(frames)) if sheets else []
         if sheets and lively and travel(body) > MOVES:
             motions.append(np.tile(np.eye(4), (frames.n_frames, 1, 1)))
         options = [
             by_components(frames, canonical, body, before),
-            *by_regions(frames, canonical, body, within, now, before),
-            *by_motions(frames, canonical, body, motions, within, now, before),
+            *by_regions(frames, canonical, body, within, before),
+            *by_motions(frames, canonical, body, motions, within, before),
         ]
         cost, first, second = min(options, key=lambda two: two[0])
         if -cost < price(frames):
@@ -110,18 +110,18 @@ def by_components(frames: Frames, canonical: int, body: Body, before: Array) -> 
     return best
 
 
-def by_regions(frames: Frames, canonical: int, body: Body, within: Borders, now: float, before: Array) -> list[Two]:
-    """Splits that begin with a region that a motion of its own explains better. now: misfit of the body."""
+def by_regions(frames: Frames, canonical: int, body: Body, within: Borders, before: Array) -> list[Two]:
+    """Splits that begin with a region that a motion of its own explains better. before: shares of the body."""
     tries = registered(frames, canonical, body, regions_of(body, canonical))
     out = []
     for found in sorted((one for one in tries if one.gain > PROMISE), key=lambda one: -one.gain)[:TRIES]:
         near = nearest(search_tree(body.z[found.rows]), body.z, within=AROUND)[0] < AROUND
-        out.append(separate(frames, canonical, body, near.astype(np.int64), found.T, within, LOCAL, now, before))
+        out.append(separate(frames, canonical, body, near.astype(np.int64), found.T, within, LOCAL, before))
     return out
 
 
 def by_motions(
-    frames: Frames, canonical: int, body: Body, motions: list[Array], within: Borders, now: float, before: Array
+    frames: Frames, canonical: int, body: Body, motions: list[Array], within: Borders, before: Array
 ) -> list[Two]:
     """Splits that begin with one of several second motions (F, 4, 4), for whatever is denied less so: whole sheets,
     since their inner points may fit both ways."""
@@ -134,7 +134,7 @@ def by_motions(
         labels = np.zeros(len(body), dtype=np.int64)
         for _ in range(INNER):
             labels = both_ways(cost, labels, whole)
-        out.append(separate(frames, canonical, body, labels, T, within, WHOLE, now, before))
+        out.append(separate(frames, canonical, body, labels, T, within, WHOLE, before))
     return out
 
 
@@ -155,13 +155,13 @@ def separate(
     T: Array,
     within: Borders,
     strengths: tuple[float, ...],
-    now: float,
     before: Array,
 ) -> Two:
     """Two bodies in place of one: they begin with labels (n,), 1 for the second, which moves by T (F, 4, 4); then
     labels and motions of the two in turn, under borders of these strengths. within: borders in the body, by numbers of
-    its points. now: misfit of the one body; it is given up early what costs far more."""
+    its points. before: shares of the one body; what costs far more is given up early."""
     least, motions = LEAST * frames.n_frames, [body.T, T]
+    most = total(before, body.frame, frames.n_frames) + HOPELESS * price(frames)
     two: list[Body] = []
     for strength in strengths:
         last = labels
@@ -175,7 +175,7 @@ def separate(
             cost = np.stack([misfits(*each.carry(frames, body.rows), each, frames.noise) for each in two], axis=1)
             labels = both_ways(cost, labels, stronger(within, strength))
         value = cost[np.arange(len(labels)), labels].sum() + within.between(labels)
-        if strength == 1 and value > now + HOPELESS * price(frames):
+        if strength == 1 and value > most:
             return nothing(body)
         if strength == 1 and np.mean(labels != last) < SETTLED:
             break
