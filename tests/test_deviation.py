@@ -12,7 +12,7 @@ from rearticulate.config import DeviationConfig
 from rearticulate.evaluation.tree_distance import tree_edit_distance
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.joints.tree import choose_root
-from rearticulate.methods.paper.deviation import centred, merge_still, project_deviation
+from rearticulate.methods.deviation import centred, merge_still, project_deviation
 from rearticulate.observe.frames import make_frames
 from rearticulate.parts.relaxed import Relaxed
 from rearticulate.synth.articulated import record

@@ -41,6 +41,10 @@ class Present:
             return None
         return next((spec for f in finders if (spec := f.find_spec(name, path, target)) is not None), None)
 
+    def find_distributions(self, *args):
+        for finder in finders:
+            yield from getattr(finder, "find_distributions", lambda *_: ())(*args)
+
 sys.meta_path[:] = [Present()]
 sys.argv = ["rearticulate", *program]
 from rearticulate.cli import main
@@ -53,6 +57,7 @@ USERS = {  # commands that need an extra, and what they ask for where no extra i
     "view": "view",
     "fit, paper": "paper",
     "train-flow": "train",
+    "fit": "",
     "bench": "",
     "pose": "",
 }

@@ -14,8 +14,8 @@ from rearticulate.evaluation.tree_distance import tree_edit_distance
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.io.model import load_result, save_result
 from rearticulate.joints.tree import choose_root
-from rearticulate.methods.paper.deviation import centred
-from rearticulate.methods.paper.spherical import fit_balls, project_balls
+from rearticulate.methods.deviation import centred
+from rearticulate.methods.spherical import fit_balls, project_balls
 from rearticulate.observe.frames import make_frames
 from rearticulate.parts.relaxed import Relaxed
 from rearticulate.posing.single import single_valued

@@ -77,7 +77,7 @@ class NeuralConfig(Settings):
 
 @dataclass(frozen=True)
 class DeviationConfig(Settings):
-    """The paper's rules for merging and projecting (`methods.paper.deviation`), in metres of an object scaled to
+    """The paper's rules for merging and projecting (`methods.deviation`), in metres of an object scaled to
     `radius`."""
 
     joints: Literal["screw", "ball"] = "screw"  # hinges and slides, or ball joints alone ("beyond 1DOF joints")

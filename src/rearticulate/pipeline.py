@@ -18,9 +18,9 @@ from rearticulate.io.check import check_sequence
 from rearticulate.io.stages import StageStore
 from rearticulate.joints.articulated import Articulated
 from rearticulate.methods.device import choose_device
-from rearticulate.methods.paper.spherical import BallTree
 from rearticulate.methods.problem import Candidate, Problem, Start
 from rearticulate.methods.registry import articulate_by, relax_by
+from rearticulate.methods.spherical import BallTree
 from rearticulate.observe.flow import SceneFlow
 from rearticulate.observe.frames import Frames, make_frames
 from rearticulate.parallel import side_by_side

@@ -13,8 +13,8 @@ from rearticulate.geometry.se3 import from_unit
 from rearticulate.joints.articulated import Articulated
 from rearticulate.joints.diagnose import diagnose
 from rearticulate.machine import machine
-from rearticulate.methods.paper.spherical import BallTree, diagnose_balls
 from rearticulate.methods.problem import Candidate
+from rearticulate.methods.spherical import BallTree, diagnose_balls
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.misfit import frame_residual, sampling_distance
 from rearticulate.observe.scale import Scales, frame_scales

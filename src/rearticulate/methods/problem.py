@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rearticulate.config import FitConfig
 from rearticulate.joints.articulated import Articulated
-from rearticulate.methods.paper.spherical import BallTree
+from rearticulate.methods.spherical import BallTree
 from rearticulate.observe.flow import SceneFlow
 from rearticulate.observe.frames import Frames
 from rearticulate.parts.relaxed import Relaxed

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from rearticulate.joints.tree import choose_root
+from rearticulate.methods.deviation import centred, merge_still, project_deviation
 from rearticulate.methods.direct import relax_direct
-from rearticulate.methods.paper.deviation import centred, merge_still, project_deviation
 from rearticulate.methods.paper.refine import refine
 from rearticulate.methods.paper.relax import relax_neural
-from rearticulate.methods.paper.spherical import project_balls
 from rearticulate.methods.problem import Candidate, Problem, Start
+from rearticulate.methods.spherical import project_balls
 from rearticulate.parts.relaxed import Relaxed, spread_labels
 
 

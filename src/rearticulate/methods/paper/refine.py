@@ -17,7 +17,7 @@ from rearticulate.joints.articulated import Articulated
 from rearticulate.methods.paper.field import cosine
 from rearticulate.methods.paper.poses import from_matrices, move, rotations, to_matrices, with_identity
 from rearticulate.methods.paper.relax import Scene, chamfer_term, emd_term, flow_term, make_scene, total
-from rearticulate.methods.paper.spherical import BallTree
+from rearticulate.methods.spherical import BallTree
 from rearticulate.observe.flow import SceneFlow
 from rearticulate.observe.frames import Frames
 

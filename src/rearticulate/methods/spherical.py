@@ -14,7 +14,7 @@ from rearticulate.config import DeviationConfig
 from rearticulate.geometry.kinematics import chain
 from rearticulate.geometry.se3 import exp_se3, log_so3
 from rearticulate.joints.tree import number_parts
-from rearticulate.methods.paper.deviation import Parts, centred, least_tree
+from rearticulate.methods.deviation import Parts, centred, least_tree
 from rearticulate.observe.frames import Frames
 from rearticulate.parts.relaxed import Relaxed, register_to_fused
 from rearticulate.records import JointDiagnostics
