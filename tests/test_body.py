@@ -17,12 +17,15 @@ from rearticulate.observe.body import (
     REACH,
     WITHIN,
     Body,
+    doubt,
+    growth,
     make_body,
     misfits,
     own_misfits,
     pair_equations,
     partners,
     register,
+    shares,
 )
 from rearticulate.observe.frames import Frames, make_frames
 from rearticulate.parts.bodies import bodies_equations
@@ -169,3 +172,16 @@ def test_an_empty_body_and_one_of_a_single_frame_are_no_error() -> None:
     assert own_misfits(empty, NOISE).shape == (0,) and not pair_equations(empty, 0.5)[0].any()
     alone = make_body(frames, np.arange(50), T)
     assert np.all(own_misfits(alone, NOISE) == DENIED)
+
+
+def test_another_draw_of_the_points_changes_the_misfit_within_its_doubt_and_a_wrong_motion_beyond_it() -> None:
+    def drawn(seed: int, off: float = 0.0) -> np.ndarray:
+        frames, T = block(seed=seed)
+        T[2, 0, 3] += off
+        return shares(frames, make_body(frames, np.arange(len(frames.points)), T))
+
+    first = drawn(0)
+    for seed in range(1, 7):
+        same, wrong = growth(first, drawn(seed)), growth(first, drawn(seed, 0.2))
+        assert abs(same.sum()) < 2 * doubt(same)  # as points share partners
+        assert wrong.sum() > 2 * doubt(wrong)

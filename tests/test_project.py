@@ -96,6 +96,14 @@ def test_of_parts_that_move_alike_the_largest_is_the_root():
     assert choose_root(frames, 0, still) == 1
 
 
+def test_where_every_part_moves_the_largest_is_the_root():
+    frames, model = three_parts(first=100, second=500, third=300)
+    moving = np.tile(np.eye(4), (3, 1, 1, 1))
+    moving[:, 0, 0, 3] = [0.0, 9.0, 18.0]
+    assert choose_root(frames, 0, model) == 0
+    assert choose_root(frames, 0, Relaxed(moving @ model.T, model.labels)) == 1
+
+
 @pytest.mark.parametrize("shift", [(0, 0, 0), (12, 0, 0), (0, 300.0, 0), (-40.0, 7, 1e4)])
 def test_the_root_does_not_depend_on_where_the_origin_lies(shift):
     frames, model = three_parts(first=60, second=700, third=200)

@@ -183,5 +183,5 @@ def test_faces_that_were_hidden_are_no_reason_to_slide() -> None:
     before, after = now.copy(), now.copy()
     hidden = np.isnan(now)
     after[hidden] = 0.1
-    assert growth(before, after) == 0.0 == growth(after, before)
-    assert growth(now, np.where(hidden, np.nan, now + 0.5)) == pytest.approx(0.5 * (~hidden).sum())
+    assert np.all(growth(before, after) == 0.0) and np.all(growth(after, before) == 0.0)
+    assert growth(now, np.where(hidden, np.nan, now + 0.5)).sum() == pytest.approx(0.5 * (~hidden).sum())

@@ -31,13 +31,12 @@ JOINT_RMS = 0.25  # spacings; one joint is enough when its misfit is below this
 GAIN = 0.2  # another joint in series must lower the chi-square to this share
 SMALL_RMS = 0.5  # spacings; misfits below this need the stricter gain
 SMALL_GAIN = 0.05
-GAP = 7.5  # spacings; parts farther apart are not joined if it can be helped
 GAP_SERIES = 4.0  # spacings; two joints in series are tried for parts nearer than this, hidden or not
 GAP_WEIGHT = 0.35
 BETWEEN = 8  # places in a gap that are looked at
 UNSEEN = 0.06  # weight of a gap that is hidden: the parts may touch there
 SERIES_COST = 2.0  # what a second joint costs in the spanning tree
-OFF_ROOT = 0.7  # what a joint between two moving parts costs more than one on the root
+OFF_ROOT = 1.2  # what a joint between two moving parts costs more than one on the root
 LINK_NEAR = 4.0  # spacings; a hidden link starts with the points of the part that hangs on it within this reach
 LINK_FAR = 12.0  # ... or within this one
 LINK_SHARE = 0.4  # ... but with at most this share of them
@@ -121,10 +120,8 @@ def tree_costs(
     costs a little more.
     """
     distance, gap = part_gaps(evidence, P, rng, told)
-    cost = 20 + gap
-    a, b = np.nonzero(np.tril(gap < GAP, -1))
-    if len(a) == 0:
-        return cost
+    cost = np.zeros((P, P))
+    a, b = np.tril_indices(P, -1)
     one = evidence.reduced(fit_joints(evidence, a, b, config.slide_margin).cost, 1)
     best = np.log1p(one)
     series = np.flatnonzero((one > config.joint_chi2) & (distance[a, b] < GAP_SERIES))

@@ -16,7 +16,7 @@ from rearticulate.parts.relaxed import Relaxed
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
 
-ROOT_MOTION = 1.5  # the root is the largest part among those that move at most this times the least
+STILL = 1.0  # spacings; mean motion below which a part stands still
 
 
 @dataclass(frozen=True)
@@ -34,15 +34,14 @@ class Projection:
 
 
 def choose_root(frames: Frames, canonical: int, model: Relaxed) -> int:
-    """The largest part among those whose own points move little more than the least moving part's."""
+    """The largest of the parts that stand still; of all parts where none does."""
     rows = frames.rows(canonical)
     labels = model.labels[rows]
     travel = np.linalg.norm(model.moved_points(frames, canonical) - frames.points[rows], axis=-1).mean(axis=0)
     size = np.bincount(labels, minlength=model.n_parts)
     mean = np.bincount(labels, travel, minlength=model.n_parts) / np.maximum(size, 1)
-    mean[size == 0] = np.inf
-    still = mean <= ROOT_MOTION * mean.min() + 0.5
-    return int(np.where(still, model.counts(), -1).argmax())
+    still = (size > 0) & (mean < STILL)
+    return int(np.where(still, model.counts(), -1).argmax() if still.any() else model.counts().argmax())
 
 
 def spanning_tree(cost: Array, root: int) -> tuple[IntArray, IntArray]:

@@ -32,6 +32,7 @@ EVIDENCE_FRAMES = 6  # that a point is looked for in, at most
 REACH = 3.0  # within it a frame has a point of the same surface
 WITHIN = 0.7  # per squared spacing: half of what the nearest of fresh points in the plane costs, 2 pi density
 DENIED = 9.0  # misfit of a point that a frame does not confirm
+SURE = 3.0  # standard errors of a growth of misfit
 VAGUE = 6.0  # misfit up to which a point is not denied: it may have a neighbour that the draw missed
 NONE, HERE = -1, -2  # instead of a partner: the frame has none, or is the point's own
 ASKED = 3000  # points of a body that take part in a registration
@@ -178,10 +179,16 @@ def shares(frames: Frames, body: Body, asked: IntArray | slice = slice(None)) ->
     return misfit
 
 
-def growth(before: Array, after: Array) -> float:
-    """By how much the misfit of points grows, of `shares` (n, G) before and after, over the frames that tell of both:
-    where a surface could not be seen, neither to hide there nor to come forth is worth anything."""
-    return float(np.nansum(after - before))
+def growth(before: Array, after: Array) -> Array:
+    """(n,) by how much the misfit of each point grows, of `shares` (n, G) before and after, over the frames that tell
+    of both: where a surface could not be seen, neither to hide there nor to come forth is worth anything."""
+    return np.nansum(after - before, axis=1)
+
+
+def doubt(grown: Array) -> float:
+    """How far the sum of the growth (n,) of points may be from what it is for other draws of them (Vuong 1989): `SURE`
+    standard errors. Points share partners, so that these come out somewhat too small."""
+    return SURE * float(np.sqrt((grown * grown).sum()))
 
 
 def total(found: Array, frame: IntArray, F: int) -> float:

@@ -110,7 +110,7 @@ class Explanation:
     def over(self, other: Explanation | None) -> float:
         """By how much this score is the higher one, as far as the frames tell of both; minus infinity where there is no
         other."""
-        return -np.inf if other is None else growth(other.shares, self.shares) + self.rest - other.rest
+        return -np.inf if other is None else float(growth(other.shares, self.shares).sum()) + self.rest - other.rest
 
 
 def explanation(frames: Frames, bodies: Bodies) -> Explanation:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rearticulate.geometry.se3 import inverse
-from rearticulate.observe.body import Body, alike, growth, make_body
+from rearticulate.observe.body import Body, alike, doubt, growth, make_body
 from rearticulate.observe.frames import Frames
 from rearticulate.parts.bodies import LEAST, Bodies, all_shares, labels_of, own_normals, price
 from rearticulate.parts.cuts import Borders, sheet_borders
@@ -53,5 +53,6 @@ def _with(frames: Frames, bodies: Bodies, new: Body, borders: Borders) -> Bodies
     after = (*kept, *rests, new)
     cost = borders.between(labels_of(after, M)) - borders.between(labels_of(bodies, M))
     cost += price(frames) * (len(after) - len(bodies))
-    cost += growth(all_shares(frames, losers), all_shares(frames, [*rests, new]))
+    grown = growth(all_shares(frames, losers), all_shares(frames, [*rests, new]))
+    cost += float(grown.sum()) + np.sign(len(after) - len(bodies)) * doubt(grown)
     return after if cost < 0 else bodies

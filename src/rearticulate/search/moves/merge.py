@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
-from rearticulate.observe.body import Body, growth, join, make_body, register, shares
+from rearticulate.observe.body import Body, doubt, growth, join, make_body, register, shares
 from rearticulate.observe.frames import Frames
 from rearticulate.parallel import each
 from rearticulate.parts.bodies import Bodies, border_between, fresh, labels_of, own_normals, price
@@ -53,16 +54,18 @@ class _Merging:
         for T in (A.T, B.T):
             both = join(A.moved(T), B.moved(T))
             both = register(self.frames, self.canonical, both, ROUGH, asked=2 * ASKED, renew=False)
-            more_a = growth(self.shares[a][i], shares(self.frames, both, i)) / len(i)
-            more_b = growth(self.shares[b][j - len(A)], shares(self.frames, both, j)) / len(j)
-            estimate = more_a * len(A) + more_b * len(B) - border
+            more_a = growth(self.shares[a][i], shares(self.frames, both, i)) * (len(A) / len(i))
+            more_b = growth(self.shares[b][j - len(A)], shares(self.frames, both, j)) * (len(B) / len(j))
+            grown = np.concatenate([more_a, more_b])
+            estimate = float(grown.sum()) - doubt(grown) - border
             if estimate < least:
                 union, least = both, estimate
         if least > HOPELESS * price(self.frames):
             return least, union
         union = register(self.frames, self.canonical, make_body(self.frames, np.sort(union.rows), union.T), FINE)
         before = np.concatenate([self.shares[a], self.shares[b]])[np.argsort(np.concatenate([A.rows, B.rows]))]
-        return growth(before, shares(self.frames, union)) - border, union
+        grown = growth(before, shares(self.frames, union))
+        return float(grown.sum()) - doubt(grown) - border, union
 
     def merge(self, a: int, b: int) -> None:
         """The second becomes part of the first."""
@@ -79,7 +82,8 @@ def _sample(first: int, n: int) -> IntArray:
 
 
 def possible(frames: Frames, bodies: Bodies) -> NDArray[np.bool_]:
-    """(P, P) which bodies come near each other in any frame, or move nearly alike."""
+    """(P, P) which bodies come near each other in any frame, or move nearly alike; a body that comes near none, and its
+    nearest."""
     P, labels = len(bodies), labels_of(bodies, len(frames.points))
     near = candidates_near(frames, labels, P, TOUCH)
     out = np.stack([near[body.rows].any(axis=0) for body in bodies])
@@ -88,7 +92,11 @@ def possible(frames: Frames, bodies: Bodies) -> NDArray[np.bool_]:
             transform(body.T[:, None], bodies[a].z[_sample(0, len(bodies[a]))]) for body in (bodies[a], bodies[b])
         )
         out[a, b] = np.linalg.norm(here - there, axis=-1).mean() < ALIKE
-    return (out | out.T) & ~np.eye(P, dtype=bool)
+    out = (out | out.T) & ~np.eye(P, dtype=bool)
+    for a in np.flatnonzero(~out.any(axis=1)) if P > 1 else ():
+        far = [np.inf if b is bodies[a] else nearest(search_tree(b.z), bodies[a].z)[0].min() for b in bodies]
+        out[a, np.argmin(far)] = out[np.argmin(far), a] = True
+    return out
 
 
 def merge_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies = (), told: Told = untold) -> Bodies:

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
-from rearticulate.observe.body import Body, denials, growth, make_body, misfits, register, shares, total
+from rearticulate.observe.body import Body, denials, doubt, growth, make_body, misfits, register, shares, total
 from rearticulate.observe.frames import Frames
 from rearticulate.parallel import each
 from rearticulate.parts.bodies import Bodies, fresh, own_normals, price
@@ -186,6 +186,8 @@ def separate(
 
 
 def more(frames: Frames, before: Array, second: NDArray[np.bool_], two: Sequence[Body]) -> float:
-    """By how much the misfit grows when a body of shares before (n, G) becomes two, second (n,) of its points the
-    other one."""
-    return sum(growth(before[side], shares(frames, half)) for side, half in zip((~second, second), two, strict=True))
+    """By how much the misfit grows, at most, when a body of shares before (n, G) becomes two, second (n,) of its points
+    the other one."""
+    sides = zip((~second, second), two, strict=True)
+    grown = np.concatenate([growth(before[side], shares(frames, half)) for side, half in sides])
+    return float(grown.sum()) + doubt(grown)
