@@ -9,6 +9,9 @@ import pytest
 from hypothesis import settings
 
 from browser import CHROMIUM, FLAGS, FOREIGN
+from shapes import check_shapes
+
+check_shapes()
 
 settings.register_profile("quick", max_examples=25, deadline=None, derandomize=True)
 settings.load_profile("quick")

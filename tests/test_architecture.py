@@ -21,6 +21,7 @@ ROOMS = (  # folders and files of the package; each imports from those before it
     "version",
     "bounds",
     "jsons",
+    "arrays",
     "geometry",
     "schema",
     "invariants",

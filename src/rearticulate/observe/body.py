@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Bool, Float, Int
 from rearticulate.geometry.cells import sort_into_cells
 from rearticulate.geometry.robust import geman_mcclure
 from rearticulate.geometry.se3 import exp_se3, inverse, rotate_by, transform_by
@@ -24,9 +24,6 @@ from rearticulate.observe.frames import NOISE_FLOOR, Frames
 from rearticulate.observe.misfit import evidence_frames
 from rearticulate.observe.planes import plane_layers, surroundings
 from rearticulate.observe.register import CONVERGED, normal_equations, solve_twists
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 EVIDENCE_FRAMES = 6  # that a point is looked for in, at most
 REACH = 3.0  # within it a frame has a point of the same surface
@@ -50,25 +47,25 @@ class Body:
     """rows (n,) of its points, frame (n,) of each; T (F, 4, 4) T_frame_canonical; points z (n, 3) and normals (n, 3) in
     the canonical frame. near (n, K): neighbours among them (`observe.planes`), where they were asked for."""
 
-    rows: IntArray
-    frame: IntArray
-    T: Array
-    z: Array
-    normals: Array
-    near: IntArray | None = None
+    rows: Int[Array, " n"]
+    frame: Int[Array, " n"]
+    T: Float[Array, "F 4 4"]
+    z: Float[Array, "n 3"]
+    normals: Float[Array, "n 3"]
+    near: Int[Array, "n K"] | None = None
 
     def __len__(self) -> int:
         return len(self.rows)
 
-    def take(self, rows: IntArray | NDArray[np.bool_]) -> Body:
+    def take(self, rows: Int[Array, " m"] | Bool[Array, " n"]) -> Body:
         return Body(self.rows[rows], self.frame[rows], self.T, self.z[rows], self.normals[rows])
 
-    def carry(self, frames: Frames, rows: IntArray) -> tuple[Array, IntArray]:
+    def carry(self, frames: Frames, rows: Int[Array, " m"]) -> tuple[Float[Array, "m 3"], Int[Array, " m"]]:
         """Any points (n,) as if they were the body's: carried to the canonical frame (n, 3), and their frames (n,)."""
         frame = frames.frame[rows]
         return transform_by(inverse(self.T), frame, frames.points[rows]), frame
 
-    def moved(self, T: Array) -> Body:
+    def moved(self, T: Float[Array, "F 4 4"]) -> Body:
         """The same points under another motion (F, 4, 4)."""
         D = inverse(T) @ self.T
         z, normals = transform_by(D, self.frame, self.z), rotate_by(D, self.frame, self.normals)
@@ -86,14 +83,14 @@ def join(a: Body, b: Body) -> Body:
     )
 
 
-def carried(frames: Frames, rows: IntArray, T: Array, normals: Array) -> Body:
+def carried(frames: Frames, rows: Int[Array, " n"], T: Float[Array, "F 4 4"], normals: Float[Array, "M 3"]) -> Body:
     """The body of these points under this motion, with known normals (M, 3) of all points in their frames."""
     frame = frames.frame[rows]
     back = inverse(T)
     return Body(rows, frame, T, transform_by(back, frame, frames.points[rows]), rotate_by(back, frame, normals[rows]))
 
 
-def make_body(frames: Frames, rows: IntArray, T: Array) -> Body:
+def make_body(frames: Frames, rows: Int[Array, " n"], T: Float[Array, "F 4 4"]) -> Body:
     """The body of these points under this motion, with new normals."""
     frame = frames.frame[rows]
     z = transform_by(inverse(T), frame, frames.points[rows])
@@ -128,8 +125,8 @@ def _best_partners(z, own, start, low, size, shape, cloud, normals, target, row,
 
 
 def partners(
-    z: Array, frame: IntArray, body: Body, noise: float, targets: Sequence[int] | None = None
-) -> tuple[Array, IntArray]:
+    z: Float[Array, "n 3"], frame: Int[Array, " n"], body: Body, noise: float, targets: Sequence[int] | None = None
+) -> tuple[Float[Array, "n G"], Int[Array, "n G"]]:
     """Misfit (n, G) of points z (n, 3) of frames (n,), at canonical, to the body's points of each of the target frames,
     and the one of these points that fits best, `NONE` or `HERE`."""
     targets = evidence_frames(len(body.T), EVIDENCE_FRAMES) if targets is None else targets
@@ -146,24 +143,24 @@ def partners(
     return np.minimum(misfit, DENIED), partner
 
 
-def others(partner: IntArray) -> IntArray:
+def others(partner: Int[Array, "n G"]) -> Int[Array, " n"]:
     """(n,) how many of the target frames of partners (n, G) are not the point's own; 1 at least."""
     return np.maximum((partner != HERE).sum(axis=1), 1)
 
 
-def misfits(z: Array, frame: IntArray, body: Body, noise: float) -> Array:
+def misfits(z: Float[Array, "n 3"], frame: Int[Array, " n"], body: Body, noise: float) -> Float[Array, " n"]:
     """(n,) mean misfit over the other frames of points z (n, 3) of frames (n,), at canonical, if they were the
     body's."""
     misfit, partner = partners(z, frame, body, noise)
     return misfit.sum(axis=1) / others(partner)
 
 
-def own_misfits(body: Body, noise: float, asked: IntArray | slice = slice(None)) -> Array:
+def own_misfits(body: Body, noise: float, asked: Int[Array, " n"] | slice = slice(None)) -> Float[Array, " n"]:
     """(n,) of the body's own points, or of those asked."""
     return misfits(body.z[asked], body.frame[asked], body, noise)
 
 
-def shares(frames: Frames, body: Body, asked: IntArray | slice = slice(None)) -> Array:
+def shares(frames: Frames, body: Body, asked: Int[Array, " n"] | slice = slice(None)) -> Float[Array, "n G"]:
     """(n, G) what each of the frames adds to the mean misfit of the body's own points, or of those asked; nan where a
     frame cannot tell: it is the point's own, or has nothing there and sees no further."""
     targets = evidence_frames(len(body.T), EVIDENCE_FRAMES)
@@ -179,37 +176,37 @@ def shares(frames: Frames, body: Body, asked: IntArray | slice = slice(None)) ->
     return misfit
 
 
-def growth(before: Array, after: Array) -> Array:
+def growth(before: Float[Array, "n G"], after: Float[Array, "n G"]) -> Float[Array, " n"]:
     """(n,) by how much the misfit of each point grows, of `shares` (n, G) before and after, over the frames that tell
     of both: where a surface could not be seen, neither to hide there nor to come forth is worth anything."""
     return np.nansum(after - before, axis=1)
 
 
-def doubt(grown: Array) -> float:
+def doubt(grown: Float[Array, " n"]) -> float:
     """How far the sum of the growth (n,) of points may be from what it is for other draws of them (Vuong 1989): `SURE`
     standard errors. Points share partners, so that these come out somewhat too small."""
     return SURE * float(np.sqrt((grown * grown).sum()))
 
 
-def total(found: Array, frame: IntArray, F: int) -> float:
+def total(found: Float[Array, "n G"], frame: Int[Array, " n"], F: int) -> float:
     """Misfit of points of frames (n,), of F, from their `shares` (n, G): what a frame cannot tell of is denied."""
     own = frame[:, None] == np.array(evidence_frames(F, EVIDENCE_FRAMES))
     blind = np.isnan(found) & ~own
     return float(np.nansum(found) + (DENIED * blind.sum(axis=1) / np.maximum((~own).sum(axis=1), 1)).sum())
 
 
-def denied(misfit: Array) -> Array:
+def denied(misfit: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     """What counts of misfits where surfaces that slide in themselves are to be told: only that nothing is near."""
     return np.maximum(misfit - VAGUE, 0.0) * (DENIED / (DENIED - VAGUE))
 
 
-def denials(body: Body, noise: float) -> Array:
+def denials(body: Body, noise: float) -> Float[Array, " n"]:
     """(n,) what counts of the misfits of a body's own points (`denied`), mean over the other frames."""
     misfit, partner = partners(body.z, body.frame, body, noise)
     return denied(misfit).sum(axis=1) / others(partner)
 
 
-def pair_equations(body: Body, sigma: float, stride: int = 1) -> tuple[Array, Array]:
+def pair_equations(body: Body, sigma: float, stride: int = 1) -> tuple[Float[Array, "F 6 6"], Float[Array, "F 6"]]:
     """Normal equations H (F, 6, 6), g (F, 6) of left twists, at canonical, of every frame's points onto the planes of
     their partners. The pairs of a point count as one observation in all, half of it for the partners' frames.
 
