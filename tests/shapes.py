@@ -6,7 +6,7 @@ import ast
 
 from jaxtyping import _import_hook, install_import_hook
 
-ROOMS = ("geometry", "observe", "parts", "joints", "search")
+ROOMS = ("geometry", "observe", "parts", "joints", "search", "methods", "pipeline", "results")
 
 
 def check_shapes() -> None:

@@ -15,6 +15,7 @@ from rearticulate.joints.articulated import Articulated
 from rearticulate.joints.evidence import Evidence, free_share
 from rearticulate.joints.tree import choose_root, spanning_tree
 from rearticulate.observe.frames import make_frames
+from rearticulate.observe.fused import fuse
 from rearticulate.parts.relaxed import Relaxed
 
 
@@ -132,7 +133,9 @@ def test_a_chain_leaves_the_data_that_it_has_no_parameters_for(F, joints):
 
 def evidence(F, sigma=2.0):
     T = np.tile(np.eye(4), (F, 2, 1, 1))
-    return Evidence(T, np.zeros((F, 2, 6, 6)), sigma, fused=None, canonical=0)
+    frames = make_frames([np.random.default_rng(f).uniform(-1, 1, (20, 3)) for f in range(F)])
+    fused = fuse(frames, T, np.arange(len(frames.points)) % 2)
+    return Evidence(T, np.zeros((F, 2, 6, 6)), sigma, fused, canonical=0)
 
 
 def test_chi_squares_are_per_number_observed_in_ten_frames():

@@ -9,8 +9,8 @@ import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.bounds import Seed, checked
 from rearticulate.config import FitConfig
 from rearticulate.errors import InputError
@@ -31,8 +31,6 @@ from rearticulate.results import to_result
 from rearticulate.search.incomplete import complete_frames, fill_in
 from rearticulate.version import code_hash, package_version
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 Progress = Callable[[str, float], None]
 
 COVER = 0.75  # of the best; frames that cover less come last
@@ -116,13 +114,13 @@ def fit(
 
 
 def canonical_frames(
-    counts: IntArray, canonical: int | None, config: FitConfig, cover: Array | None = None
+    counts: Int[Array, " F"], canonical: int | None, config: FitConfig, cover: Float[Array, " F"] | None = None
 ) -> list[int]:
     """The frames to fit from: near the middle, with the shortest ways to both ends, among those that show most.
 
-    counts (F,): points of every frame. Two at least, to choose from; more of a short or sparse sequence, where each
-    costs less and says less. cover (F,), where views are known: share of all points that each frame does not hide. Most
-    points then only say that the object came near the sensor.
+    counts: points of every frame. Two at least, to choose from; more of a short or sparse sequence, where each costs
+    less and says less. cover, where views are known: share of all points that each frame does not hide. Most points
+    then only say that the object came near the sensor.
     """
     if canonical is not None:
         return [canonical]
@@ -134,7 +132,7 @@ def canonical_frames(
 
 def working_frames(
     sequence: PointSequence, config: FitConfig, rng: np.random.Generator
-) -> tuple[Frames, list[IntArray]]:
+) -> tuple[Frames, list[Int[Array, " _"]]]:
     """What the solver sees of a sequence, and the rows of each of its frames that take part."""
     chosen = [working_rows(len(p), config.working_points, rng) for p in sequence.points]
     frames = make_frames(
@@ -145,7 +143,7 @@ def working_frames(
     return frames, chosen
 
 
-def working_rows(n: int, limit: int, rng: np.random.Generator) -> IntArray:
+def working_rows(n: int, limit: int, rng: np.random.Generator) -> Int[Array, " n"]:
     """The points of a frame that take part in the fit; the others get their labels at the end."""
     return np.arange(n) if n <= limit else np.sort(rng.choice(n, limit, replace=False))
 

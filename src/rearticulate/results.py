@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.config import FitConfig
 from rearticulate.geometry.se3 import from_unit
 from rearticulate.joints.articulated import Articulated
@@ -29,13 +29,10 @@ from rearticulate.records import (
     RelaxedModel,
 )
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
-
 
 def to_result(
     sequence: PointSequence,
-    chosen: list[IntArray],
+    chosen: list[Int[Array, " _"]],
     frames: Frames,
     best: Candidate,
     config: FitConfig,
@@ -84,10 +81,10 @@ class Joints:
     """The joints of a result, as in `KinematicModel` and `Motion`."""
 
     kinds: tuple[JointType, ...]
-    axis: Array
-    origin: Array
-    limits: Array
-    q: Array
+    axis: Float[Array, "P 3"]
+    origin: Float[Array, "P 3"]
+    limits: Float[Array, "P 2"]
+    q: Float[Array, "F D"]
     diagnostics: list[JointDiagnostics]
 
 
@@ -155,7 +152,7 @@ def other_scales(scales: Scales, canonical: int) -> tuple[str, ...]:
 
 
 def relaxed_model(
-    sequence: PointSequence, chosen: list[IntArray], frames: Frames, best: Candidate
+    sequence: PointSequence, chosen: list[Int[Array, " _"]], frames: Frames, best: Candidate
 ) -> RelaxedModel | None:
     """The parts before they were joined; None where incomplete frames took no part."""
     if len(best.relaxed.T) != frames.n_frames:
@@ -165,8 +162,8 @@ def relaxed_model(
 
 
 def all_labels(
-    sequence: PointSequence, chosen: list[IntArray], frames: Frames, labels: IntArray
-) -> tuple[IntArray, ...]:
+    sequence: PointSequence, chosen: list[Int[Array, " _"]], frames: Frames, labels: Int[Array, " M"]
+) -> tuple[Int[Array, " _"], ...]:
     """Labels of every input point; a point that took no part in the fit asks its nearest neighbours of its frame."""
     flat = np.empty_like(labels)
     flat[frames.order] = labels

@@ -115,6 +115,6 @@ def _check_range(name: str, array: Array, field: Field, sizes: dict[str, int]) -
         raise InputError(f"{name} must be {bounds}, not {array[wrong][0]} as in {_first(wrong)}")
 
 
-def _first(wrong: Array) -> str:
+def _first(wrong: Array | np.bool_) -> str:
     place = np.argwhere(wrong)[0].tolist() if wrong.ndim else []
     return f"row {place[0]}" if len(place) == 1 else f"place {place}"

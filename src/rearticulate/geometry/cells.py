@@ -6,23 +6,21 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
+from rearticulate.arrays import Array, Float, Int
 
 MOST = 160  # cells along one side; beyond it cells are longer than the reach
 
 
 @dataclass(frozen=True)
 class Cells:
-    """order (n,): points by cell; start (cells + 1,): first of each cell; low (3,), size and shape (3,) of the grid."""
+    """order: points by cell; start (cells + 1,): first of each cell; low, size and shape of the grid."""
 
-    order: IntArray
-    start: IntArray
-    low: Array
+    order: Int[Array, " n"]
+    start: Int[Array, " _"]
+    low: Float[Array, " 3"]
     size: float
-    shape: IntArray
+    shape: Int[Array, " 3"]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -44,7 +42,7 @@ def _sort(points, low, size, shape):
     return order, start
 
 
-def sort_into_cells(points: Array, reach: float) -> Cells:
+def sort_into_cells(points: Float[Array, "n 3"], reach: float) -> Cells:
     """Cells at least as long as the reach: what is within it of a place lies in the 27 cells around that place."""
     if len(points) == 0:
         return Cells(np.zeros(0, np.int64), np.zeros(2, np.int64), np.zeros(3), reach, np.ones(3, np.int64))

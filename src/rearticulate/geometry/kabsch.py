@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.geometry.robust import geman_mcclure
 from rearticulate.geometry.se3 import transform
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 ROUNDS = 4
 RIDGE = 1e-3  # keeps the motion of a group of few points a rotation
 
 
-def kabsch(source: Array, target: Array) -> Array:
-    """(4, 4) rigid motion that brings source (K, 3) closest to target (K, 3) in least squares (Kabsch 1976)."""
+def kabsch(source: Float[Array, "K 3"], target: Float[Array, "K 3"]) -> Float[Array, "4 4"]:
+    """Rigid motion that brings source closest to target in least squares (Kabsch 1976)."""
     a, b = source.mean(axis=0), target.mean(axis=0)
     U, _, Vt = np.linalg.svd((target - b).T @ (source - a))
     T = np.eye(4)
@@ -25,8 +22,10 @@ def kabsch(source: Array, target: Array) -> Array:
     return T
 
 
-def robust_kabsch(source: Array, target: Array, group: IntArray, count: int, outlier: float) -> Array:
-    """(count, 4, 4) the motion of each group (n,) of points that brings source (n, 3) to target (n, 3).
+def robust_kabsch(
+    source: Float[Array, "n 3"], target: Float[Array, "n 3"], group: Int[Array, " n"], count: int, outlier: float
+) -> Float[Array, "count 4 4"]:
+    """The motion of each group of points that brings source to target.
 
     Iteratively reweighted (Geman-McClure) least squares, in closed form each (Kabsch 1976); outlier: the robust scale.
     """

@@ -6,21 +6,23 @@ One formula for every joint type: T_world_part[j] = T_world_part[parent[j]] exp(
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.geometry.se3 import adjoint, exp_se3
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
-
-def forward_kinematics(parent: IntArray, twists: Array, q: Array, T_world_root: Array | None = None) -> Array:
-    """Part poses (..., P, 4, 4) from joint values q (..., P) and root poses (..., 4, 4) (identity when absent)."""
+def forward_kinematics(
+    parent: Int[Array, " P"],
+    twists: Float[Array, "P 6"],
+    q: Float[Array, "*batch P"],
+    T_world_root: Float[Array, "*#batch 4 4"] | None = None,
+) -> Float[Array, "*batch P 4 4"]:
+    """Part poses from joint values q and root poses (identity when absent)."""
     return chain(parent, exp_se3(q[..., None] * twists), T_world_root)
 
 
-def depth_first(parent: IntArray) -> IntArray:
-    """(P,) the parts, each with all that is below it before the next one."""
+def depth_first(parent: Int[Array, " P"]) -> Int[Array, " P"]:
+    """The parts, each with all that is below it before the next one."""
     found: list[int] = []
     waiting = [0]
     while waiting:
@@ -29,9 +31,12 @@ def depth_first(parent: IntArray) -> IntArray:
     return np.array(found)
 
 
-def chain(parent: IntArray, steps: Array, T_world_root: Array | None = None) -> Array:
-    """Part poses (..., P, 4, 4) from the motion of every part against its parent, steps (..., P, 4, 4); the root's own
-    step has no effect."""
+def chain(
+    parent: Int[Array, " P"],
+    steps: Float[Array, "*batch P 4 4"],
+    T_world_root: Float[Array, "*#batch 4 4"] | None = None,
+) -> Float[Array, "*batch P 4 4"]:
+    """Part poses from the motion of every part against its parent; the root's own step has no effect."""
     T = np.empty_like(steps)
     T[..., 0, :, :] = np.eye(4) if T_world_root is None else T_world_root
     for j in range(1, len(parent)):
@@ -39,8 +44,10 @@ def chain(parent: IntArray, steps: Array, T_world_root: Array | None = None) -> 
     return T
 
 
-def joint_jacobian(parent: IntArray, twists: Array, T_world_part: Array) -> Array:
-    """(..., P, 6, P): left twist of part i caused by joint j, d T_i = hat(J[i, :, j]) T_i. Zero column for the root."""
+def joint_jacobian(
+    parent: Int[Array, " P"], twists: Float[Array, "P 6"], T_world_part: Float[Array, "*batch P 4 4"]
+) -> Float[Array, "*batch P 6 P"]:
+    """Left twist of part i caused by joint j, d T_i = hat(J[i, :, j]) T_i. Zero column for the root."""
     P = len(parent)
     columns = (adjoint(T_world_part[..., parent[1:], :, :]) @ twists[1:, :, None])[..., 0]  # (..., P-1, 6)
     J = np.zeros((*T_world_part.shape[:-3], P, 6, P))
@@ -50,8 +57,13 @@ def joint_jacobian(parent: IntArray, twists: Array, T_world_part: Array) -> Arra
     return J
 
 
-def screw_jacobian(parent: IntArray, twists: Array, q: Array, T_world_part: Array) -> Array:
-    """(..., P, 6, P, 6): left twist of part i when joint j's screw is moved by a left twist eta.
+def screw_jacobian(
+    parent: Int[Array, " P"],
+    twists: Float[Array, "P 6"],
+    q: Float[Array, "*batch P"],
+    T_world_part: Float[Array, "*batch P 4 4"],
+) -> Float[Array, "*batch P 6 P 6"]:
+    """Left twist of part i when joint j's screw is moved by a left twist eta.
 
     twist_j -> adjoint(exp(eta)) twist_j changes the step by (I - Ad_step) eta, carried to the world by the parent.
     """
@@ -65,7 +77,7 @@ def screw_jacobian(parent: IntArray, twists: Array, q: Array, T_world_part: Arra
     return J
 
 
-def subtree(parent: IntArray, j: int) -> IntArray:
+def subtree(parent: Int[Array, " P"], j: int) -> Int[Array, " n"]:
     """Part j and all parts that hang on it."""
     inside = np.zeros(len(parent), dtype=bool)
     inside[j] = True

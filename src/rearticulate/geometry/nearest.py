@@ -4,35 +4,35 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
+from rearticulate.arrays import Array, Float, Int
 
 
-def nearest(tree: KDTree, points: Array, k: int = 1, within: float = np.inf) -> tuple[Array, IntArray]:
-    """Distance and row of the k nearest points ((n,) for k = 1, else (n, k)); inf and the cloud's size beyond `within`.
+def nearest(
+    tree: KDTree, points: Float[Array, "n 3"], k: int = 1, within: float = np.inf
+) -> tuple[Float[Array, " n"], Int[Array, " n"]] | tuple[Float[Array, "n k"], Int[Array, "n k"]]:
+    """Distance and row of the k nearest points (no axis k for k = 1); inf and the cloud's size beyond `within`.
 
     On one thread: whole fits run side by side, which uses the cores better.
     """
     return tree.query(points, k=k, distance_upper_bound=within)  # type: ignore[return-value]
 
 
-def search_tree(points: Array) -> KDTree:
+def search_tree(points: Float[Array, "n 3"]) -> KDTree:
     """A tree that is faster to build and to search than SciPy's defaults on surfaces."""
     return KDTree(points, leafsize=32, balanced_tree=False)
 
 
-def contact(a: Array, b: Array, pairs: int) -> Array:
-    """(3,) where two clouds meet: middle of the points of a (n, 3) nearest to b (m, 3) and of their partners."""
+def contact(a: Float[Array, "n 3"], b: Float[Array, "m 3"], pairs: int) -> Float[Array, " 3"]:
+    """Where two clouds meet: middle of the points of a nearest to b and of their partners."""
     d, j = nearest(search_tree(b), a)
     near = np.argsort(d, kind="stable")[:pairs]
     return (a[near] + b[j[near]]).mean(axis=0) / 2
 
 
-def rms_radius(points: Array) -> float:
-    """Root mean square distance of points (N, 3) from their centroid."""
+def rms_radius(points: Float[Array, "N 3"]) -> float:
+    """Root mean square distance of points from their centroid."""
     return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
@@ -55,7 +55,7 @@ def _farthest(points, first, count):
     return chosen
 
 
-def farthest_points(points: Array, count: int) -> IntArray:
-    """Indices of `count` farthest-point samples of points (N, 3), starting with the one farthest from the centroid."""
+def farthest_points(points: Float[Array, "N 3"], count: int) -> Int[Array, " n"]:
+    """Indices of `count` farthest-point samples, starting with the one farthest from the centroid."""
     first = int(((points - points.mean(axis=0)) ** 2).sum(axis=1).argmax())
     return _farthest(np.ascontiguousarray(points), first, min(count, len(points)))

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import overload
 
-Array = NDArray[np.floating]
+from rearticulate.arrays import Array, Float
 
 
-def geman_mcclure(squared: Array, sigma: float | Array) -> Array:
+@overload
+def geman_mcclure(squared: float, sigma: float) -> float: ...
+@overload
+def geman_mcclure(
+    squared: Float[Array, "*#shape"], sigma: float | Float[Array, "*#shape"]
+) -> Float[Array, "*shape"]: ...
+def geman_mcclure(
+    squared: Float[Array, "*#shape"] | float, sigma: float | Float[Array, "*#shape"]
+) -> Float[Array, "*shape"] | float:
     """Weight of a residual with this square under the Geman-McClure kernel."""
     return 1.0 / (1.0 + squared / (sigma * sigma)) ** 2

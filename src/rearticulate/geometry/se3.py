@@ -8,24 +8,24 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
+from rearticulate.arrays import Array, Bool, Float, Int
 
 _SMALL = 1e-4  # below this angle the Taylor series is exact to round-off
 _RIGID = 1e-5
 
 
-def hat(w: Array) -> Array:
-    """(..., 3) -> (..., 3, 3), hat(w) @ x = w x x."""
+def hat(w: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
+    """hat(w) @ x = w x x."""
     K = np.zeros((*w.shape[:-1], 3, 3))
     K[..., 0, 1], K[..., 0, 2], K[..., 1, 2] = -w[..., 2], w[..., 1], -w[..., 0]
     K[..., 1, 0], K[..., 2, 0], K[..., 2, 1] = w[..., 2], -w[..., 1], w[..., 0]
     return K
 
 
-def _coefficients(angle: Array) -> tuple[Array, Array, Array]:
+def _coefficients(
+    angle: Float[Array, "*batch"] | float,
+) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"], Float[Array, "*batch"]]:
     """sin(a)/a, (1 - cos(a))/a^2, (a - sin(a))/a^3 with their limits at 0."""
     small = angle < _SMALL
     a = np.where(small, 1.0, angle)
@@ -36,8 +36,8 @@ def _coefficients(angle: Array) -> tuple[Array, Array, Array]:
     return A, B, C
 
 
-def exp_se3(twist: Array) -> Array:
-    """Twist (..., 6) -> transform (..., 4, 4)."""
+def exp_se3(twist: Float[Array, "*batch 6"]) -> Float[Array, "*batch 4 4"]:
+    """Twist -> transform."""
     twist = np.asarray(twist, dtype=np.float64)
     w, v = twist[..., :3], twist[..., 3:]
     A, B, C = (c[..., None, None] for c in _coefficients(np.linalg.norm(w, axis=-1)))
@@ -50,8 +50,8 @@ def exp_se3(twist: Array) -> Array:
     return T
 
 
-def quat_wxyz(R: Array) -> Array:
-    """Rotation (..., 3, 3) -> unit quaternion (..., 4), scalar first and not negative."""
+def quat_wxyz(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
+    """Rotation -> unit quaternion, scalar first and not negative."""
     R = np.asarray(R, dtype=np.float64)
     trace = np.trace(R, axis1=-2, axis2=-1)
     diagonal = np.diagonal(R, axis1=-2, axis2=-1)
@@ -69,16 +69,16 @@ def quat_wxyz(R: Array) -> Array:
     return quat * np.where(quat[..., :1] < 0, -1.0, 1.0)
 
 
-def log_so3(R: Array) -> Array:
-    """Rotation (..., 3, 3) -> rotation vector (..., 3), stable at 0 and at a half turn (through the quaternion)."""
+def log_so3(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
+    """Rotation -> rotation vector, stable at 0 and at a half turn (through the quaternion)."""
     quat = quat_wxyz(R)
     s = np.linalg.norm(quat[..., 1:], axis=-1, keepdims=True)
     angle = 2 * np.arctan2(s, quat[..., :1])
     return quat[..., 1:] * np.where(s < 1e-12, 2.0, angle / np.maximum(s, 1e-12))
 
 
-def log_se3(T: Array) -> Array:
-    """Transform (..., 4, 4) -> twist (..., 6) with a rotation angle of at most pi."""
+def log_se3(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6"]:
+    """Transform -> twist with a rotation angle of at most pi."""
     w = log_so3(T[..., :3, :3])
     angle = np.linalg.norm(w, axis=-1)
     A, B, _ = _coefficients(angle)
@@ -89,8 +89,8 @@ def log_se3(T: Array) -> Array:
     return np.concatenate([w, v], -1)
 
 
-def inverse(T: Array) -> Array:
-    """Inverse of rigid transforms (..., 4, 4)."""
+def inverse(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 4 4"]:
+    """Inverse of rigid transforms."""
     R_t = np.swapaxes(T[..., :3, :3], -1, -2)
     out = np.zeros_like(T)
     out[..., :3, :3] = R_t
@@ -99,8 +99,8 @@ def inverse(T: Array) -> Array:
     return out
 
 
-def is_rigid(T: Array) -> NDArray[np.bool_]:
-    """(...,) True where transforms (..., 4, 4) are rigid motions, to 1e-5."""
+def is_rigid(T: Float[Array, "*batch 4 4"]) -> Bool[Array, "*batch"] | np.bool_:
+    """True where transforms are rigid motions, to 1e-5."""
     R = T[..., :3, :3]
     with np.errstate(all="ignore"):
         off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max(axis=(-2, -1))
@@ -108,22 +108,22 @@ def is_rigid(T: Array) -> NDArray[np.bool_]:
     return (off < _RIGID) & right_handed & (np.abs(T[..., 3, :] - [0, 0, 0, 1]).max(axis=-1) < _RIGID)
 
 
-def from_unit(T: Array, unit: float, centre: Array) -> Array:
-    """Motions (..., 4, 4) of coordinates (x - centre) / unit, as motions of x."""
+def from_unit(T: Float[Array, "*batch 4 4"], unit: float, centre: Float[Array, " 3"]) -> Float[Array, "*batch 4 4"]:
+    """Motions of coordinates (x - centre) / unit, as motions of x."""
     out = T.copy()
     out[..., :3, 3] = unit * T[..., :3, 3] + centre - T[..., :3, :3] @ centre
     return out
 
 
-def to_unit(T: Array, unit: float, centre: Array) -> Array:
-    """Motions (..., 4, 4) of x, as motions of coordinates (x - centre) / unit."""
+def to_unit(T: Float[Array, "*batch 4 4"], unit: float, centre: Float[Array, " 3"]) -> Float[Array, "*batch 4 4"]:
+    """Motions of x, as motions of coordinates (x - centre) / unit."""
     out = T.copy()
     out[..., :3, 3] = (T[..., :3, 3] + T[..., :3, :3] @ centre - centre) / unit
     return out
 
 
-def adjoint(T: Array) -> Array:
-    """(..., 4, 4) -> (..., 6, 6): T exp(xi) inv(T) = exp(adjoint(T) xi), order (omega, v)."""
+def adjoint(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6 6"]:
+    """T exp(xi) inv(T) = exp(adjoint(T) xi), order (omega, v)."""
     R = T[..., :3, :3]
     out = np.zeros((*T.shape[:-2], 6, 6))
     out[..., :3, :3] = out[..., 3:, 3:] = R
@@ -131,12 +131,12 @@ def adjoint(T: Array) -> Array:
     return out
 
 
-def transform(T: Array, x: Array) -> Array:
+def transform(T: Float[Array, "*#batch 4 4"], x: Float[Array, "*#batch 3"]) -> Float[Array, "*batch 3"]:
     """Apply T (4, 4) or one transform a point (N, 4, 4), with any leading axes, to points (N, 3)."""
     return rotate(T, x) + (T[:3, 3] if T.ndim == 2 else T[..., :3, 3])
 
 
-def rotate(T: Array, n: Array) -> Array:
+def rotate(T: Float[Array, "*#batch 4 4"], n: Float[Array, "*#batch 3"]) -> Float[Array, "*batch 3"]:
     """As `transform`, for directions."""
     if T.ndim == 2:
         return n @ T[:3, :3].T
@@ -155,17 +155,26 @@ def _each(T, which, x, shift):
     return out
 
 
-def transform_by(T: Array, which: IntArray | tuple[IntArray, ...], x: Array) -> Array:
-    """Apply T[which] (N, 4, 4) of T (..., 4, 4) to points (N, 3)."""
+def transform_by(
+    T: Float[Array, "*which 4 4"], which: Int[Array, " N"] | tuple[Int[Array, " N"], ...], x: Float[Array, "N 3"]
+) -> Float[Array, "N 3"]:
+    """Apply T[which] to points."""
     return _by(T, which, x, 1.0)
 
 
-def rotate_by(T: Array, which: IntArray | tuple[IntArray, ...], n: Array) -> Array:
+def rotate_by(
+    T: Float[Array, "*which 4 4"], which: Int[Array, " N"] | tuple[Int[Array, " N"], ...], n: Float[Array, "N 3"]
+) -> Float[Array, "N 3"]:
     """As `transform_by`, for directions."""
     return _by(T, which, n, 0.0)
 
 
-def _by(T: Array, which: IntArray | tuple[IntArray, ...], x: Array, shift: float) -> Array:
+def _by(
+    T: Float[Array, "*which 4 4"],
+    which: Int[Array, " N"] | tuple[Int[Array, " N"], ...],
+    x: Float[Array, "N 3"],
+    shift: float,
+) -> Float[Array, "N 3"]:
     if isinstance(which, tuple):
         which = np.ravel_multi_index(which, T.shape[:-2])
     return _each(np.ascontiguousarray(T).reshape(-1, 4, 4), which, np.ascontiguousarray(x), shift)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from rearticulate.arrays import Array, Int
 
 
-def thinned(n: int, budget: int, seed: int = 0) -> NDArray[np.integer]:
+def thinned(n: int, budget: int, seed: int = 0) -> Int[Array, " k"]:
     """At most `budget` of n rows, spread at random, in order; the same ones every time."""
     if n <= budget:
         return np.arange(n)

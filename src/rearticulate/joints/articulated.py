@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Bool, Float, Int
 from rearticulate.geometry.kinematics import forward_kinematics, joint_jacobian, screw_jacobian
 from rearticulate.geometry.se3 import adjoint, exp_se3
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 # Levenberg damping of the directions the data may leave free, in spacings: joint values, root pose, screws.
 DAMP_Q, DAMP_ROOT, DAMP_SCREW = 3.5, np.array([3.5] * 3 + [1e-2] * 3), np.array([350.0] * 3 + [1.0] * 3)
@@ -20,35 +17,35 @@ MAX_STEP = np.array([0.1] * 3 + [18.0] * 3)
 
 @dataclass(frozen=True)
 class Articulated:
-    """parent (P,) parents first; twist (P, 6) zero at the root; revolute (P,) bool; q (F, P); T_root (F, 4, 4)."""
+    """parent: parents first; twist: zero at the root."""
 
-    parent: IntArray
-    twist: Array
-    revolute: NDArray[np.bool_]
-    q: Array
-    T_root: Array
+    parent: Int[Array, " P"]
+    twist: Float[Array, "P 6"]
+    revolute: Bool[Array, " P"]
+    q: Float[Array, "F P"]
+    T_root: Float[Array, "F 4 4"]
 
     @property
     def n_parts(self) -> int:
         return len(self.parent)
 
     @property
-    def axes(self) -> Array:
-        """(P, 3) unit directions of the joints."""
+    def axes(self) -> Float[Array, "P 3"]:
+        """Unit directions of the joints."""
         return np.where(self.revolute[:, None], self.twist[:, :3], self.twist[:, 3:])
 
     @property
-    def feet(self) -> Array:
-        """(P, 3) points of the axes nearest to the coordinate origin; 0 for a slide."""
+    def feet(self) -> Float[Array, "P 3"]:
+        """Points of the axes nearest to the coordinate origin; 0 for a slide."""
         return np.cross(self.axes, self.twist[:, 3:])
 
-    def forward(self) -> Array:
-        """(F, P, 4, 4) part poses."""
+    def forward(self) -> Float[Array, "F P 4 4"]:
+        """Part poses."""
         return forward_kinematics(self.parent, self.twist, self.q, self.T_root)
 
 
-def normalise_twists(twist: Array, revolute: NDArray[np.bool_]) -> Array:
-    """Unit screws without pitch: (axis, origin x axis) or (0, axis). twist (..., 6), revolute (...)."""
+def normalise_twists(twist: Float[Array, "*batch 6"], revolute: Bool[Array, "*batch"]) -> Float[Array, "*batch 6"]:
+    """Unit screws without pitch: (axis, origin x axis) or (0, axis)."""
     w, v = twist[..., :3], twist[..., 3:]
     turning = revolute[..., None]
     length = np.linalg.norm(np.where(turning, w, v), axis=-1, keepdims=True)
@@ -59,7 +56,7 @@ def normalise_twists(twist: Array, revolute: NDArray[np.bool_]) -> Array:
     return np.concatenate([w, v], axis=-1)
 
 
-def _jacobian(model: Articulated, T: Array) -> Array:
+def _jacobian(model: Articulated, T: Float[Array, "F P 4 4"]) -> Float[Array, "F P 6 D"]:
     """(F, P, 6, (P - 1) + 6 + 6 (P - 1)): left twists of the parts from joint values, root pose and screws."""
     F, P = T.shape[:2]
     joints = joint_jacobian(model.parent, model.twist, T)[..., 1:]
@@ -68,8 +65,10 @@ def _jacobian(model: Articulated, T: Array) -> Array:
     return np.concatenate([joints, root, screws], axis=-1)
 
 
-def reduced_system(model: Articulated, canonical: int, H: Array, g: Array) -> tuple[Array, Array, list[int]]:
-    """Project part-wise normal equations H (F, P, 6, 6), g (F, P, 6) on the parameters of the tree.
+def reduced_system(
+    model: Articulated, canonical: int, H: Float[Array, "F P 6 6"], g: Float[Array, "F P 6"]
+) -> tuple[Float[Array, "D D"], Float[Array, " D"], list[int]]:
+    """Project part-wise normal equations H, g on the parameters of the tree.
 
     Unknowns: for each frame but the canonical one (P - 1 joint values, 6 root), then 6 (P - 1) screw twists.
     """
@@ -90,7 +89,9 @@ def reduced_system(model: Articulated, canonical: int, H: Array, g: Array) -> tu
     return A, b, moving
 
 
-def gauss_newton_step(model: Articulated, canonical: int, H: Array, g: Array, damping: float = 0.01) -> Articulated:
+def gauss_newton_step(
+    model: Articulated, canonical: int, H: Float[Array, "F P 6 6"], g: Float[Array, "F P 6"], damping: float = 0.01
+) -> Articulated:
     """One damped step of the kinematic bundle adjustment: joint values, root poses and screws together."""
     P = model.n_parts
     A, b, moving = reduced_system(model, canonical, H, g)
@@ -102,7 +103,7 @@ def gauss_newton_step(model: Articulated, canonical: int, H: Array, g: Array, da
     return apply_step(model, step, moving)
 
 
-def apply_step(model: Articulated, step: Array, moving: list[int]) -> Articulated:
+def apply_step(model: Articulated, step: Float[Array, " D"], moving: list[int]) -> Articulated:
     """Move the parameters by a step in the order of `reduced_system`, each component limited."""
     P = model.n_parts
     own = P - 1 + 6

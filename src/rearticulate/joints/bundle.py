@@ -4,8 +4,8 @@ information (cheap, no search for neighbours), then against all points (bundle a
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.geometry.robust import geman_mcclure
 from rearticulate.geometry.se3 import inverse, log_se3
 from rearticulate.joints.articulated import Articulated, gauss_newton_step
@@ -15,8 +15,6 @@ from rearticulate.observe.register import CONVERGED
 from rearticulate.parts.bodies import Bodies, bodies_equations, make_bodies
 from rearticulate.progress import Told, untold
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 SIGMA_WIDE, SIGMA = 1.5, 0.56  # robust scales of a point, first and usual, in spacings
 FINE, FINE_NOISE, FINE_MAX = 0.2, 2.5, 0.8  # the last scale: at least, in units of the noise, at most
 INNER = 4
@@ -25,12 +23,17 @@ POSE_SIGMA = 1.0  # robust scale of a part's misfit to its free pose, in spacing
 
 
 def adjust_to_poses(
-    model: Articulated, canonical: int, part: IntArray, T: Array, H: Array, sigma: float = POSE_SIGMA
-) -> tuple[Articulated, Array]:
-    """The tree that agrees best with K observed poses T (F, K, 4, 4) of parts part (K,) under information H.
+    model: Articulated,
+    canonical: int,
+    part: Int[Array, " K"],
+    T: Float[Array, "F K 4 4"],
+    H: Float[Array, "F K 6 6"],
+    sigma: float = POSE_SIGMA,
+) -> tuple[Articulated, Float[Array, "F K"]]:
+    """The tree that agrees best with K observed poses T of parts part under information H.
 
     Joints fitted pair by pair disagree along a chain; here they are made consistent. An observation that no tree
-    reaches (a lost part) loses its weight. Returns the best iterate and its misfit (F, K) in spacings squared.
+    reaches (a lost part) loses its weight. Returns the best iterate and its misfit in spacings squared.
     """
     points = points_behind(H) + 1e-9
     of_part = np.eye(model.n_parts)[part]
@@ -58,7 +61,7 @@ def bundle_adjust(
     frames: Frames,
     canonical: int,
     model: Articulated,
-    labels: IntArray,
+    labels: Int[Array, " M"],
     sigmas: tuple[float, ...],
     before: Bodies = (),
     told: Told = untold,

@@ -8,16 +8,14 @@ lost have no say, and the joint stays there as it was in the frame before.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Bool, Float, Int
 from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, log_se3, log_so3
 from rearticulate.joints.articulated import MAX_STEP, normalise_twists
 from rearticulate.observe.fused import points_behind
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 LOST = 4.0  # spacings; rms misfit of a part's points in a frame beyond which its pose may be wrong there ...
 LOST_SHARE = 0.2  # ... as it may be in this share of the frames
@@ -26,19 +24,21 @@ FORGOTTEN = 1e-3  # weight of such a frame
 
 @dataclass(frozen=True)
 class ChainFit:
-    """cost (B,), twist (B, k, 6), q (B, F, k), revolute (B, k)."""
+    """k joints in series for each of B pairs, or for one pair alone, whose cost is a number."""
 
-    cost: Array
-    twist: Array
-    q: Array
-    revolute: NDArray[np.bool_]
+    cost: Float[Any, "*B"]
+    twist: Float[Array, "*B k 6"]
+    q: Float[Array, "*B F k"]
+    revolute: Bool[Array, "*B k"]
 
-    def take(self, b) -> ChainFit:
+    def take(self, b: int | Int[Array, " n"]) -> ChainFit:
         return ChainFit(self.cost[b], self.twist[b], self.q[b], self.revolute[b])
 
 
-def relative_motion(T: Array, H: Array, a: IntArray, b: IntArray, canonical: int) -> tuple[Array, Array]:
-    """Motion A (B, F, 4, 4) of parts a seen from parts b, canonical coordinates, and its information W (B, F, 6, 6).
+def relative_motion(
+    T: Float[Array, "F P 4 4"], H: Float[Array, "F P 6 6"], a: Int[Array, " B"], b: Int[Array, " B"], canonical: int
+) -> tuple[Float[Array, "B F 4 4"], Float[Array, "B F 6 6"]]:
+    """Motion A of parts a seen from parts b, canonical coordinates, and its information W.
 
     W is the parallel sum of the two registrations' information: what both know.
     """
@@ -56,27 +56,26 @@ def relative_motion(T: Array, H: Array, a: IntArray, b: IntArray, canonical: int
     return A, W
 
 
-def squares_by_frame(e: Array, W: Array) -> Array:
-    """(..., F, 6), (..., F, 6, 6) -> (..., F): e' W e."""
+def squares_by_frame(e: Float[Array, "*batch F 6"], W: Float[Array, "*batch F 6 6"]) -> Float[Array, "*batch F"]:
+    """e' W e."""
     return np.einsum("...fi,...fij,...fj->...f", e, W, e)
 
 
-def weighted_square(e: Array, W: Array) -> Array:
-    """(..., F, 6), (..., F, 6, 6) -> (...): sum over frames of e' W e."""
+def weighted_square(e: Float[Array, "*batch F 6"], W: Float[Array, "*batch F 6 6"]) -> Float[Array, "*batch"]:
+    """Sum over frames of e' W e."""
     return squares_by_frame(e, W).sum(axis=-1)
 
 
-def trust(squares: Array, W: Array) -> Array:
-    """(B, F) weight of frames with these squared misfits (B, F) under information W: hardly any for those, a share of
-    them at most, where one of the parts is so far away that it was lost."""
+def trust(squares: Float[Array, "B F"], W: Float[Array, "B F 6 6"]) -> Float[Array, "B F"]:
+    """Weight of frames with these squared misfits under information W: hardly any for those, a share of them at
+    most, where one of the parts is so far away that it was lost."""
     lost = squares > LOST**2 * points_behind(W)
     rank = np.argsort(np.argsort(-squares, axis=1, kind="stable"), axis=1, kind="stable")
     return np.where(lost & (rank < int(LOST_SHARE * squares.shape[1])), FORGOTTEN, 1.0)
 
 
-def kept(q: Array, trusted: NDArray[np.bool_], canonical: int) -> Array:
-    """Joint values q (B, F, k), where they are not trusted (B, F) those of the frame before, seen from the canonical
-    one."""
+def kept(q: Float[Array, "B F k"], trusted: Bool[Array, "B F"], canonical: int) -> Float[Array, "B F k"]:
+    """Joint values q, where they are not trusted those of the frame before, seen from the canonical one."""
     q = q.copy()
     for step, end in ((1, q.shape[1]), (-1, -1)):
         for f in range(canonical + step, end, step):
@@ -85,16 +84,22 @@ def kept(q: Array, trusted: NDArray[np.bool_], canonical: int) -> Array:
     return q
 
 
-def rest_cost(A: Array, W: Array) -> Array:
-    """(B,) cost of no joint at all."""
+def rest_cost(A: Float[Array, "B F 4 4"], W: Float[Array, "B F 6 6"]) -> Float[Array, " B"]:
+    """Cost of no joint at all."""
     return weighted_square(log_se3(A), W)
 
 
 def fit_chain(
-    A: Array, W: Array, twist: Array, q: Array, revolute: NDArray[np.bool_], canonical: int, iterations: int = 14
+    A: Float[Array, "B F 4 4"],
+    W: Float[Array, "B F 6 6"],
+    twist: Float[Array, "B k 6"],
+    q: Float[Array, "B F k"],
+    revolute: Bool[Array, "B k"],
+    canonical: int,
+    iterations: int = 14,
 ) -> ChainFit:
-    """Gauss-Newton from twist (B, k, 6), q (B, F, k); joint values are eliminated frame by frame. Best iterate kept;
-    frames with a lost part (`trust`) hardly count."""
+    """Gauss-Newton from twist, q; joint values are eliminated frame by frame. Best iterate kept; frames with a lost
+    part (`trust`) hardly count."""
     B, F = A.shape[:2]
     k = twist.shape[1]
     best = ChainFit(np.full(B, np.inf), twist.copy(), q.copy(), revolute)
@@ -140,7 +145,9 @@ def fit_chain(
     return replace(best, q=kept(best.q, trusted, canonical))
 
 
-def fit_revolute(A: Array, W: Array, canonical: int, iterations: int = 10) -> ChainFit:
+def fit_revolute(
+    A: Float[Array, "B F 4 4"], W: Float[Array, "B F 6 6"], canonical: int, iterations: int = 10
+) -> ChainFit:
     """One revolute joint, from the motion of all frames, and of the half of them nearest to the canonical one, where
     fewer parts are lost; the better of the two for each pair."""
     away = np.abs(np.arange(A.shape[1]) - canonical)
@@ -158,8 +165,10 @@ def best_start(fit: ChainFit, starts: int) -> ChainFit:
     return fit.take(cost.argmin(axis=1) + starts * np.arange(len(cost)))
 
 
-def _turn(A: Array, W: Array, canonical: int) -> tuple[Array, Array]:
-    """Twist (B, 6) and values (B, F) to start from: principal rotation axis, centre of least displacement."""
+def _turn(
+    A: Float[Array, "B F 4 4"], W: Float[Array, "B F 6 6"], canonical: int
+) -> tuple[Float[Array, "B 6"], Float[Array, "B F"]]:
+    """Twist and values to start from: principal rotation axis, centre of least displacement."""
     w, M = log_so3(A[..., :3, :3]), np.eye(3) - A[..., :3, :3]
     known = np.trace(W[..., 3:, 3:], axis1=-2, axis2=-1) + 1e-9
     axis = np.linalg.eigh(np.einsum("bf,bfi,bfj->bij", known, w, w))[1][..., 2]
@@ -171,8 +180,14 @@ def _turn(A: Array, W: Array, canonical: int) -> tuple[Array, Array]:
     return np.concatenate([axis, np.cross(origin, axis)], -1), q
 
 
-def fit_prismatic(A: Array, W: Array, centre: Array, canonical: int, iterations: int = 8) -> ChainFit:
-    """One prismatic joint; start: principal displacement of the moving part's centre (B, 3)."""
+def fit_prismatic(
+    A: Float[Array, "B F 4 4"],
+    W: Float[Array, "B F 6 6"],
+    centre: Float[Array, "B 3"],
+    canonical: int,
+    iterations: int = 8,
+) -> ChainFit:
+    """One prismatic joint; start: principal displacement of the moving part's centre."""
     d = np.einsum("bfij,bj->bfi", A[..., :3, :3], centre) + A[..., :3, 3] - centre[:, None]
     axis = np.linalg.svd(d, full_matrices=False)[2][:, 0]
     q = np.einsum("bfi,bi->bf", d, axis)
@@ -181,8 +196,16 @@ def fit_prismatic(A: Array, W: Array, centre: Array, canonical: int, iterations:
     return fit_chain(A, W, twist[:, None], q[..., None], np.zeros((len(A), 1), bool), canonical, iterations)
 
 
-def fit_series(A: Array, W: Array, contact: Array, k: int, canonical: int, starts: int, seed: int = 0) -> ChainFit:
-    """k revolute joints in series near the contact (B, 3), from several starts; the best of each pair."""
+def fit_series(
+    A: Float[Array, "B F 4 4"],
+    W: Float[Array, "B F 6 6"],
+    contact: Float[Array, "B 3"],
+    k: int,
+    canonical: int,
+    starts: int,
+    seed: int = 0,
+) -> ChainFit:
+    """k revolute joints in series near the contact, from several starts; the best of each pair."""
     B, F = A.shape[:2]
     rng = np.random.default_rng(seed)
     w = log_so3(A[..., :3, :3])

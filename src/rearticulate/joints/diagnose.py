@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.geometry.kinematics import subtree
 from rearticulate.geometry.se3 import hat
 from rearticulate.joints.articulated import Articulated, reduced_system
@@ -18,14 +18,11 @@ from rearticulate.observe.fused import Fused
 from rearticulate.parts.relaxed import Relaxed, register_to_fused
 from rearticulate.records import JointDiagnostics
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
-
 NO_JOINT = JointDiagnostics(None, 0.0, None, None, "", None, True)  # of the root
 
 
-def joint_origins(tree: Articulated, evidence: Evidence) -> Array:
-    """(P, 3) for every joint the point of its axis nearest to where its two parts meet."""
+def joint_origins(tree: Articulated, evidence: Evidence) -> Float[Array, "P 3"]:
+    """For every joint the point of its axis nearest to where its two parts meet."""
     out = np.zeros((tree.n_parts, 3))
     for j in range(1, tree.n_parts):
         axis, foot = tree.axes[j], tree.feet[j]
@@ -34,7 +31,7 @@ def joint_origins(tree: Articulated, evidence: Evidence) -> Array:
     return out
 
 
-def _meeting_point(evidence: Evidence, j: int, parent: int) -> Array:
+def _meeting_point(evidence: Evidence, j: int, parent: int) -> Float[Array, " 3"]:
     labels = evidence.fused.labels
     have = [(labels == p).any() for p in (j, parent)]
     if all(have):
@@ -44,8 +41,10 @@ def _meeting_point(evidence: Evidence, j: int, parent: int) -> Array:
     return evidence.fused.z.mean(axis=0)
 
 
-def parameter_deviation(tree: Articulated, evidence: Evidence, origins: Array) -> tuple[Array, Array, Array]:
-    """Standard deviations (P,) of axis direction (rad) and axis position (spacings), and (F, P) of the joint values."""
+def parameter_deviation(
+    tree: Articulated, evidence: Evidence, origins: Float[Array, "P 3"]
+) -> tuple[Float[Array, " P"], Float[Array, " P"], Float[Array, "F P"]]:
+    """Standard deviations of axis direction (rad) and axis position (spacings), and of the joint values."""
     F, P = tree.q.shape
     A, _, moving = reduced_system(tree, evidence.canonical, evidence.H, np.zeros((F, P, 6)))
     own = P - 1 + 6
@@ -68,9 +67,14 @@ def parameter_deviation(tree: Articulated, evidence: Evidence, origins: Array) -
 
 
 def diagnose(
-    frames: Frames, canonical: int, tree: Articulated, labels: IntArray, slide_margin: float, drift: float = 0.0
-) -> tuple[list[JointDiagnostics], Array]:
-    """One record a part, lengths in metres, and the joint origins (P, 3) in spacings. drift: see `Scales`.
+    frames: Frames,
+    canonical: int,
+    tree: Articulated,
+    labels: Int[Array, " M"],
+    slide_margin: float,
+    drift: float = 0.0,
+) -> tuple[list[JointDiagnostics], Float[Array, "P 3"]]:
+    """One record a part, lengths in metres, and the joint origins in spacings. drift: see `Scales`.
 
     The residual compares the joint with the motions the two parts have when they are registered freely.
     """
@@ -146,8 +150,8 @@ def joint_support(evidence: Evidence, j: int, parent: int, turning: bool, size: 
     )
 
 
-def axis_distance(twist: Array, z: Array) -> float:
-    """Distance of the nearest of points z (n, 3) from the axis of a turn, twist (6,)."""
+def axis_distance(twist: Float[Array, " 6"], z: Float[Array, "n 3"]) -> float:
+    """Distance of the nearest of points z from the axis of a turn, twist."""
     axis, foot = twist[:3], np.cross(twist[:3], twist[3:])
     return float(np.linalg.norm(np.cross(z - foot, axis), axis=1).min())
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float
 from rearticulate.geometry.nearest import contact, nearest
 from rearticulate.geometry.se3 import transform_by
 from rearticulate.observe.frames import Frames
@@ -14,9 +14,6 @@ from rearticulate.observe.fused import INFORMATION_SIGMA, Fused, fuse, points_be
 from rearticulate.observe.views import Views
 from rearticulate.parts.bodies import bodies_equations, make_bodies
 from rearticulate.parts.relaxed import Relaxed
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 NOISE_FLOOR = 0.25  # spacings; registration is never trusted to better than this
 
@@ -29,17 +26,17 @@ def free_share(frames: int, joints: int) -> float:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the registration knows: information H (F, P, 6, 6) of every pose, plane noise sigma, the fused cloud,
-    what every frame's sensors see, where it is known."""
+    """What the registration knows: information H of every pose, plane noise sigma, the fused cloud, what every frame's
+    sensors see, where it is known."""
 
-    T: Array
-    H: Array
+    T: Float[Array, "F P 4 4"]
+    H: Float[Array, "F P 6 6"]
     sigma: float
     fused: Fused
     canonical: int
     views: Views | None = None
 
-    def reduced(self, cost: Array, joints: int = 0) -> Array:
+    def reduced(self, cost: Float[Array, " B"], joints: int = 0) -> Float[Array, " B"]:
         """Cost of so many joints in series -> chi-square per degree of freedom; inf where they can explain anything.
 
         The thresholds hold for ten frames; with fewer there is less to contradict a chain.
@@ -49,7 +46,7 @@ class Evidence:
             return np.full_like(cost, np.inf)
         return cost / self.sigma**2 / (6 * (len(self.T) - 1)) * free_share(10, joints) / left
 
-    def rms(self, cost: Array, W: Array) -> Array:
+    def rms(self, cost: Float[Array, " B"], W: Float[Array, "B F 6 6"]) -> Float[Array, " B"]:
         """Cost -> root mean square misfit of a point, in spacings."""
         return np.sqrt(cost / (points_behind(W).sum(-1) + 1e-9))
 
@@ -75,7 +72,7 @@ def gather_evidence(frames: Frames, canonical: int, model: Relaxed) -> Evidence:
     return Evidence(model.T, H, plane_noise(frames, canonical, model), fused, canonical, frames.views)
 
 
-def contact_point(evidence: Evidence, a: int, b: int, n: int = 40) -> Array:
-    """(3,) middle of the nearest fused points of two parts."""
+def contact_point(evidence: Evidence, a: int, b: int, n: int = 40) -> Float[Array, " 3"]:
+    """Middle of the nearest fused points of two parts."""
     za, zb = (evidence.fused.z[evidence.fused.labels == p] for p in (a, b))
     return contact(za, zb, n)

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Bool, Float, Int
 from rearticulate.config import FitConfig
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import inverse, transform
@@ -22,9 +22,6 @@ from rearticulate.observe.frames import Frames
 from rearticulate.observe.views import HIDDEN, Views
 from rearticulate.parts.relaxed import Relaxed
 from rearticulate.progress import Told, steps, untold
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 # Chi-squares are per degree of freedom.
 JOINT_RMS = 0.25  # spacings; one joint is enough when its misfit is below this
@@ -45,9 +42,9 @@ SMALL_PART = 0.04  # share of the points below which a part may become a link of
 
 def part_gaps(
     evidence: Evidence, P: int, rng: np.random.Generator, told: Told = untold, sample: int = 400
-) -> tuple[Array, Array]:
-    """(P, P) mean over the frames of the smallest distances between two parts (mean of three), and the same as far as
-    what lies between them is not hidden."""
+) -> tuple[Float[Array, "P P"], Float[Array, "P P"]]:
+    """Mean over the frames of the smallest distances between two parts (mean of three), and the same as far as what
+    lies between them is not hidden."""
     z = [evidence.fused.z[evidence.fused.labels == p] for p in range(P)]
     z = [x if len(x) <= sample else rng.choice(x, sample, replace=False) for x in z]
     trees = [search_tree(x) for x in z]
@@ -69,9 +66,9 @@ def part_gaps(
     return gap, open_gap
 
 
-def open_share(views: Views, ends: Array) -> Array:
-    """(F,) weight of a gap between two places (F, 2, 3) in each frame: 1 where nothing hides it, `UNSEEN` where
-    all of it is hidden."""
+def open_share(views: Views, ends: Float[Array, "F 2 3"]) -> Float[Array, " F"]:
+    """Weight of a gap between two places in each frame: 1 where nothing hides it, `UNSEEN` where all of it is
+    hidden."""
     F, share = len(ends), (np.arange(BETWEEN) + 0.5)[:, None] / BETWEEN
     y = (1 - share) * ends[:, None, 0] + share * ends[:, None, 1]
     found = views.classes(y.reshape(-1, 3), np.repeat(np.arange(F), BETWEEN)).reshape(F, BETWEEN)
@@ -80,20 +77,17 @@ def open_share(views: Views, ends: Array) -> Array:
 
 @dataclass(frozen=True)
 class Joints:
-    """One joint for each of B pairs (a moves against b): twist (B, 6), q (B, F), revolute (B,), cost (B,), W.
+    """One joint for each of B pairs (a moves against b). other_cost: the cost of the other type."""
 
-    other_cost (B,): the cost of the other type.
-    """
-
-    twist: Array
-    q: Array
-    revolute: NDArray[np.bool_]
-    cost: Array
-    other_cost: Array
-    W: Array
+    twist: Float[Array, "B 6"]
+    q: Float[Array, "B F"]
+    revolute: Bool[Array, " B"]
+    cost: Float[Array, " B"]
+    other_cost: Float[Array, " B"]
+    W: Float[Array, "B F 6 6"]
 
 
-def fit_joints(evidence: Evidence, a: IntArray, b: IntArray, slide_margin: float) -> Joints:
+def fit_joints(evidence: Evidence, a: Int[Array, " B"], b: Int[Array, " B"], slide_margin: float) -> Joints:
     """The better of a revolute and a prismatic joint for every pair; a slide is preferred while a turn is not
     better by slide_margin in chi-square."""
     A, W = relative_motion(evidence.T, evidence.H, a, b, evidence.canonical)
@@ -113,8 +107,8 @@ def fit_joints(evidence: Evidence, a: IntArray, b: IntArray, slide_margin: float
 
 def tree_costs(
     evidence: Evidence, P: int, root: int, config: FitConfig, rng: np.random.Generator, told: Told = untold
-) -> Array:
-    """(P, P) cost of joining two parts: log(1 + X_1), or with a hidden link series_cost + log(1 + X_2); plus the gap.
+) -> Float[Array, "P P"]:
+    """Cost of joining two parts: log(1 + X_1), or with a hidden link series_cost + log(1 + X_2); plus the gap.
 
     Two drawers, or two doors on one hinge line, move against each other by one joint as well: a pair without the root
     costs a little more.
@@ -135,7 +129,9 @@ def tree_costs(
     return cost
 
 
-def _series_test(evidence: Evidence, a: int, b: int, contact: Array, k: int, starts: int = 6) -> tuple[float, ChainFit]:
+def _series_test(
+    evidence: Evidence, a: int, b: int, contact: Float[Array, " 3"], k: int, starts: int = 6
+) -> tuple[float, ChainFit]:
     A, W = relative_motion(evidence.T, evidence.H, np.array([a]), np.array([b]), evidence.canonical)
     fit = fit_series(A, W, contact[None], k, evidence.canonical, starts)
     return float(evidence.reduced(fit.cost, k)[0]), fit.take(0)
@@ -143,7 +139,7 @@ def _series_test(evidence: Evidence, a: int, b: int, contact: Array, k: int, sta
 
 def hidden_links(
     evidence: Evidence, a: int, b: int, x1: float, rms: float, joint_chi2: float
-) -> tuple[ChainFit | None, Array]:
+) -> tuple[ChainFit | None, Float[Array, " 3"]]:
     """Two or three joints in series between a and b when one does not do (chi-square x1) and they do."""
     contact = contact_point(evidence, a, b)
     if x1 < joint_chi2 or rms < JOINT_RMS:
@@ -158,8 +154,10 @@ def hidden_links(
     return (two if x2 < GAIN * x1 else None), contact
 
 
-def near_contact(z: Array, contact: Array, inside: NDArray[np.bool_], reach: float, share: float) -> NDArray[np.bool_]:
-    """(M,) the points of a part that a hidden link starts with: near the contact, and at most a share of the part."""
+def near_contact(
+    z: Float[Array, "M 3"], contact: Float[Array, " 3"], inside: Bool[Array, " M"], reach: float, share: float
+) -> Bool[Array, " M"]:
+    """The points of a part that a hidden link starts with: near the contact, and at most a share of the part."""
     d = np.linalg.norm(z - contact, axis=1)
     return inside & (d < min(reach, float(np.quantile(d[inside], share))))
 

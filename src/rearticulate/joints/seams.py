@@ -8,17 +8,14 @@ points of its own gets them here.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Bool, Float, Int
 from rearticulate.geometry.nearest import contact, nearest, search_tree
 from rearticulate.joints.articulated import Articulated
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import to_canonical
 from rearticulate.observe.misfit import point_misfit
 from rearticulate.parts.sheets import RADIUS, THICKNESS, part_distances, sheet_evidence
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 ZONE = 9.0  # spacings; points this near to both parts may change sides
 MINIMUM_POINTS = 30  # that both parts may have
@@ -34,9 +31,9 @@ LINK_REACH = 12.0  # ... this near, in spacings
 CLAIM = 0.25  # cuts that give it up to this share of the sacrifice too much count as equal to the best
 
 
-def best_cut(along: Array, favour: Array, slack: float) -> tuple[float, float]:
-    """Place and side (+1: the child is above) of the cut of points at `along` (n,) that agrees best with `favour` (n,),
-    the evidence for the child over the parent.
+def best_cut(along: Float[Array, " n"], favour: Float[Array, " n"], slack: float) -> tuple[float, float]:
+    """Place and side (+1: the child is above) of the cut of points at `along` that agrees best with `favour`, the
+    evidence for the child over the parent.
 
     Where cuts within the slack of the best one leave a choice, links end in faces across their axis: the bin with the
     most points is taken if it has PEAK times the usual number, else the middle.
@@ -58,9 +55,16 @@ def best_cut(along: Array, favour: Array, slack: float) -> tuple[float, float]:
     return float((low + high) / 2), side
 
 
-def gap_distances(frames: Frames, tree: Articulated, T: Array, labels: IntArray, z: Array, empty: NDArray) -> Array:
-    """(M, P) distance of a point, carried by an empty link's own motion T (F, P, 4, 4), from the gap that the link
-    bridges; inf where the link has no claim."""
+def gap_distances(
+    frames: Frames,
+    tree: Articulated,
+    T: Float[Array, "F P 4 4"],
+    labels: Int[Array, " M"],
+    z: Float[Array, "M 3"],
+    empty: Bool[Array, " P"],
+) -> Float[Array, "M P"]:
+    """Distance of a point, carried by an empty link's own motion T, from the gap that the link bridges; inf
+    where the link has no claim."""
     out = np.full((len(labels), tree.n_parts), np.inf)
     for v in np.flatnonzero(empty):
         above = int(tree.parent[v])
@@ -78,11 +82,11 @@ def gap_distances(frames: Frames, tree: Articulated, T: Array, labels: IntArray,
 def cut_seams(
     frames: Frames,
     tree: Articulated,
-    labels: IntArray,
+    labels: Int[Array, " M"],
     thickness: float = THICKNESS,
     only_empty: bool = False,
-) -> IntArray:
-    """Labels (M,) with the border of every turning joint made a plane where the evidence allows it.
+) -> Int[Array, " M"]:
+    """Labels with the border of every turning joint made a plane where the evidence allows it.
 
     thickness: of a sheet of points, in spacings. only_empty: only the joints of links that have (almost) no points yet,
     while the motions are still rough.
@@ -121,15 +125,15 @@ def cut_seams(
 
 
 def _cut(
-    z: Array,
-    labels: IntArray,
-    favour: Array,
+    z: Float[Array, "n 3"],
+    labels: Int[Array, " n"],
+    favour: Float[Array, " n"],
     j: int,
     p: int,
-    axis: Array,
+    axis: Float[Array, " 3"],
     limit: float,
     slack: float,
-) -> IntArray:
+) -> Int[Array, " n"]:
     """Labels of one border zone, cut if that gives up little evidence. favour: evidence for j over p."""
     near = nearest(search_tree(z), z, k=min(NEIGHBOURS, len(z)))[1]
     favour = favour[near].mean(axis=1)

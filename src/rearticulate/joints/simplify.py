@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.joints.articulated import Articulated
 from rearticulate.joints.bundle import SIGMA, adjust_to_poses, bundle_adjust
 from rearticulate.observe.frames import Frames
@@ -19,17 +19,14 @@ from rearticulate.parts.bodies import Bodies, Explanation, bodies_equations, exp
 from rearticulate.parts.cluster import adjacent_labels
 from rearticulate.progress import Told, steps, untold
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
-
 ROUNDS = 10  # each of which tries all joints that are left
 LIKELY = 1.0  # spacings; a joint that the others make up for to this misfit is put to the test of the energy
 TRIES = 3  # fixed joints that fail the test of the energy in one round
 WIDE = 10.0  # robust scale of the misfit: none
 
 
-def fix_joint(tree: Articulated, j: int, k: int) -> tuple[Articulated, IntArray]:
-    """The tree with parts j and k made one, and the new number (P,) of every part.
+def fix_joint(tree: Articulated, j: int, k: int) -> tuple[Articulated, Int[Array, " P"]]:
+    """The tree with parts j and k made one, and the new number of every part.
 
     One of them is the other's parent, or both hang on the same part.
     """
@@ -56,15 +53,15 @@ def fix_joint(tree: Articulated, j: int, k: int) -> tuple[Articulated, IntArray]
 
 @dataclass(frozen=True)
 class Poses:
-    """What a smaller tree must reach: the part poses T (F, P, 4, 4) of a tree and their information H (F, P, 6, 6)."""
+    """What a smaller tree must reach: the part poses T of a tree and their information H."""
 
-    T: Array
-    H: Array
+    T: Float[Array, "F P 4 4"]
+    H: Float[Array, "F P 6 6"]
 
 
 @dataclass(frozen=True)
 class FixedJoint:
-    """Part j made one with part k: the smaller tree, the number (P,) every part has in it, and its misfit.
+    """Part j made one with part k: the smaller tree, the number every part has in it, and its misfit.
 
     The misfit to the poses of the larger tree is a root mean square, in spacings, over the points of the smaller part.
     """
@@ -72,7 +69,7 @@ class FixedJoint:
     j: int
     k: int
     tree: Articulated
-    number: IntArray
+    number: Int[Array, " P"]
     misfit: float
 
 
@@ -90,7 +87,7 @@ def try_fixing(canonical: int, tree: Articulated, poses: Poses, j: int, k: int) 
 
 
 def possible_fixes(
-    frames: Frames, canonical: int, tree: Articulated, labels: IntArray, poses: Poses, told: Told = untold
+    frames: Frames, canonical: int, tree: Articulated, labels: Int[Array, " M"], poses: Poses, told: Told = untold
 ) -> list[FixedJoint]:
     """One for every joint, least misfit first: a part joins its parent, or a part that touches it and hangs on the same
     parent."""

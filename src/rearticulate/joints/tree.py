@@ -5,23 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.joints.articulated import Articulated
 from rearticulate.observe.frames import Frames
 from rearticulate.parts.relaxed import Relaxed
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 STILL = 1.0  # spacings; mean motion below which a part stands still
 
 
 @dataclass(frozen=True)
 class Projection:
-    """A tree and labels (M,) to start from.
+    """A tree and labels to start from.
 
     Hidden links get their first points from the part that hangs on them, few or many: a large link with few points
     loses them all while the joints of its chain are biased by the points it lacks; a small one with too many follows
@@ -29,8 +26,8 @@ class Projection:
     """
 
     tree: Articulated
-    starts: tuple[IntArray, ...]
-    hidden: IntArray
+    starts: tuple[Int[Array, " M"], ...]
+    hidden: Int[Array, " n"]
 
 
 def choose_root(frames: Frames, canonical: int, model: Relaxed) -> int:
@@ -44,8 +41,8 @@ def choose_root(frames: Frames, canonical: int, model: Relaxed) -> int:
     return int(np.where(still, model.counts(), -1).argmax() if still.any() else model.counts().argmax())
 
 
-def spanning_tree(cost: Array, root: int) -> tuple[IntArray, IntArray]:
-    """Minimum spanning tree of a full cost matrix: parents (P,) and the parts in breadth-first order."""
+def spanning_tree(cost: Float[Array, "P P"], root: int) -> tuple[Int[Array, " P"], Int[Array, " P"]]:
+    """Minimum spanning tree of a full cost matrix: parents and the parts in breadth-first order."""
     P = len(cost)
     if P == 1:
         return np.array([-1]), np.array([0])
@@ -62,15 +59,15 @@ class Link:
 
     child: int
     parent: int
-    twist: Array
-    q: Array
+    twist: Float[Array, " 6"]
+    q: Float[Array, " F"]
     revolute: bool
 
 
-def number_parts(parent: dict[int, int], root: int, P: int) -> tuple[IntArray, IntArray]:
+def number_parts(parent: dict[int, int], root: int, P: int) -> tuple[Int[Array, " P"], Int[Array, " P"]]:
     """Number the parts parents first, breadth first. parent: of every part but the root, by their old numbers.
 
-    Returns the new number of every old part (P,) and the parents by new numbers (P,).
+    Returns the new number of every old part and the parents by new numbers.
     """
     number, order = np.full(P, -1), [root]
     for new, part in enumerate(order):  # which grows meanwhile
@@ -79,7 +76,9 @@ def number_parts(parent: dict[int, int], root: int, P: int) -> tuple[IntArray, I
     return number, np.array([-1] + [int(number[parent[part]]) for part in order[1:]])
 
 
-def assemble(links: list[Link], T_root: Array, root: int, P: int) -> tuple[Articulated, IntArray]:
+def assemble(
+    links: list[Link], T_root: Float[Array, "F 4 4"], root: int, P: int
+) -> tuple[Articulated, Int[Array, " P"]]:
     """The tree of the links, parents first. Returns it and the new number of every old part."""
     number, parent = number_parts({link.child: link.parent for link in links}, root, P)
     twist, revolute, q = np.zeros((P, 6)), np.ones(P, dtype=bool), np.zeros((len(T_root), P))

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.config import DeviationConfig
 from rearticulate.geometry.nearest import nearest, rms_radius, search_tree
 from rearticulate.geometry.se3 import inverse, to_unit, transform
@@ -21,36 +21,35 @@ from rearticulate.observe.frames import Frames
 from rearticulate.parts.relaxed import Relaxed, keep_parts, merge_pair
 from rearticulate.progress import Told, rounds, untold
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
-
 
 @dataclass(frozen=True)
 class Parts:
-    """A relaxed model about the centroid of its canonical points. T (F, P, 4, 4), points (N, 3), labels (N,).
+    """A relaxed model about the centroid of its canonical points.
 
     In point spacings; scale: metres of the paper's unit a spacing.
     """
 
-    T: Array
-    points: Array
-    labels: IntArray
+    T: Float[Array, "F P 4 4"]
+    points: Float[Array, "N 3"]
+    labels: Int[Array, " N"]
     canonical: int
     scale: float
-    centre: Array
+    centre: Float[Array, " 3"]
 
-    def relative(self, a: IntArray, b: IntArray) -> tuple[Array, Array]:
-        """Motion (B, F, 4, 4) of parts a seen from parts b, and its information (B, F, 6, 6): see `deviation`."""
+    def relative(
+        self, a: Int[Array, " B"], b: Int[Array, " B"]
+    ) -> tuple[Float[Array, "B F 4 4"], Float[Array, "B F 6 6"]]:
+        """Motion of parts a seen from parts b, and its information: see `deviation`."""
         T = np.swapaxes(self.T, 0, 1)
         A = inverse(T[b]) @ T[a]
         return A, np.broadcast_to(np.diag([2.0 / self.scale**2] * 3 + [1.0] * 3), (*A.shape[:2], 6, 6))
 
-    def deviation(self, cost: Array) -> Array:
+    def deviation(self, cost: Float[Array, " B"]) -> Float[Array, " B"]:
         """Cost under that information -> mean over the frames of the squared Frobenius deviation, for small ones."""
         return self.scale**2 * cost / max(1, len(self.T) - 1)
 
-    def gaps(self) -> Array:
-        """(P, P) squared distance of the nearest points of two parts, mean over the frames (E_spatial)."""
+    def gaps(self) -> Float[Array, "P P"]:
+        """Squared distance of the nearest points of two parts, mean over the frames (E_spatial)."""
         F, P = self.T.shape[:2]
         gap = np.zeros((P, P))
         moved = [transform(self.T[:, p, None], self.points[self.labels == p]) for p in range(P)]
@@ -100,8 +99,8 @@ def merge_still(
     return model
 
 
-def fit_screws(parts: Parts, a: IntArray, b: IntArray) -> ChainFit:
-    """The better of a revolute and a prismatic joint of each pair; cost (B,): its E_1-DOF (paper eq. 12)."""
+def fit_screws(parts: Parts, a: Int[Array, " B"], b: Int[Array, " B"]) -> ChainFit:
+    """The better of a revolute and a prismatic joint of each pair; cost: its E_1-DOF (paper eq. 12)."""
     A, W = parts.relative(a, b)
     turn = fit_revolute(A, W, parts.canonical)
     centre = np.stack([parts.points[parts.labels == p].mean(axis=0) for p in a])
@@ -116,10 +115,13 @@ def fit_screws(parts: Parts, a: IntArray, b: IntArray) -> ChainFit:
 
 
 def least_tree(
-    parts: Parts, joint_cost: Callable[[IntArray, IntArray], Array], config: DeviationConfig, root: int
-) -> tuple[IntArray, IntArray, float]:
-    """The tree with the least sum of joint_cost(a, b) (B,) and E_spatial: parents (P,), the parts but the root, parents
-    first, and that sum."""
+    parts: Parts,
+    joint_cost: Callable[[Int[Array, " B"], Int[Array, " B"]], Float[Array, " B"]],
+    config: DeviationConfig,
+    root: int,
+) -> tuple[Int[Array, " P"], Int[Array, " P-1"], float]:
+    """The tree with the least sum of joint_cost(a, b) and E_spatial: parents, the parts but the root, parents first,
+    and that sum."""
     P = parts.T.shape[1]
     a, b = np.tril_indices(P, -1)
     cost = np.zeros((P, P))
@@ -146,7 +148,7 @@ def project_deviation(
     return Projection(tree, (number[model.labels],), number[P:]), cost
 
 
-def _link(child: int, parent: int, screw: ChainFit, centre: Array) -> Link:
+def _link(child: int, parent: int, screw: ChainFit, centre: Float[Array, " 3"]) -> Link:
     """A joint, about the origin of the frames."""
     w, v, revolute = screw.twist[0, :3], screw.twist[0, 3:], bool(screw.revolute[0])
     return Link(child, parent, np.concatenate([w, v + np.cross(centre, w)]), screw.q[:, 0], revolute)

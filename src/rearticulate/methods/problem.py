@@ -6,16 +6,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Int
 from rearticulate.config import FitConfig
 from rearticulate.joints.articulated import Articulated
 from rearticulate.methods.spherical import BallTree
 from rearticulate.observe.flow import SceneFlow
 from rearticulate.observe.frames import Frames
 from rearticulate.parts.relaxed import Relaxed
-
-IntArray = NDArray[np.integer]
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ class Candidate:
 
     canonical: int
     tree: Articulated | BallTree
-    labels: IntArray
+    labels: Int[Array, " M"]
     energy: float
     relaxed: Relaxed
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.config import DeviationConfig
 from rearticulate.geometry.kinematics import chain
 from rearticulate.geometry.se3 import exp_se3, log_so3
@@ -19,47 +19,44 @@ from rearticulate.observe.frames import Frames
 from rearticulate.parts.relaxed import Relaxed, register_to_fused
 from rearticulate.records import JointDiagnostics
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
-
 RIDGE = 1e-6  # keeps a centre that nothing determines near the part
 
 
 @dataclass(frozen=True)
 class BallTree:
-    """parent (P,) parents first; centre (P, 3) of each ball; turn (F, P, 3) rotation vectors; T_root (F, 4, 4)."""
+    """parent: parents first; centre: of each ball; turn: rotation vectors."""
 
-    parent: IntArray
-    centre: Array
-    turn: Array
-    T_root: Array
+    parent: Int[Array, " P"]
+    centre: Float[Array, "P 3"]
+    turn: Float[Array, "F P 3"]
+    T_root: Float[Array, "F 4 4"]
 
     @property
     def n_parts(self) -> int:
         return len(self.parent)
 
-    def forward(self) -> Array:
-        """(F, P, 4, 4) part poses."""
+    def forward(self) -> Float[Array, "F P 4 4"]:
+        """Part poses."""
         screws = np.concatenate([self.turn, np.cross(self.centre, self.turn)], axis=-1)
         return chain(self.parent, exp_se3(screws), self.T_root)
 
 
 @dataclass(frozen=True)
 class Balls:
-    """Ball joints of B pairs: centre (B, 3), turn (B, F, 3), slip (B, F, 3) of the centre, its normals (B, 3, 3)."""
+    """Ball joints of B pairs: centre, turn, slip of the centre, its normals."""
 
-    centre: Array
-    turn: Array
-    slip: Array
-    normal: Array
+    centre: Float[Array, "B 3"]
+    turn: Float[Array, "B F 3"]
+    slip: Float[Array, "B F 3"]
+    normal: Float[Array, "B 3 3"]
 
     @property
-    def cost(self) -> Array:
-        """(B,) sum of the squared slips."""
+    def cost(self) -> Float[Array, " B"]:
+        """Sum of the squared slips."""
         return (self.slip**2).sum(axis=(1, 2))
 
 
-def fit_balls(parts: Parts, a: IntArray, b: IntArray) -> Balls:
+def fit_balls(parts: Parts, a: Int[Array, " B"], b: Int[Array, " B"]) -> Balls:
     """The ball joint of each pair.
 
     Its centre is the point that moves least, in closed form; the rotations are those of the relative motions.
@@ -77,8 +74,8 @@ def fit_balls(parts: Parts, a: IntArray, b: IntArray) -> Balls:
 
 def project_balls(
     frames: Frames, canonical: int, model: Relaxed, config: DeviationConfig, root: int
-) -> tuple[BallTree, IntArray, float]:
-    """The tree of ball joints with the least E_spatial + E_3-DOF, the labels (M,) in its numbers, and that cost."""
+) -> tuple[BallTree, Int[Array, " M"], float]:
+    """The tree of ball joints with the least E_spatial + E_3-DOF, the labels in its numbers, and that cost."""
     parts = centred(frames, canonical, model, config.radius)
     P = model.n_parts
     parent, child, cost = least_tree(parts, lambda a, b: parts.deviation(fit_balls(parts, a, b).cost), config, root)
@@ -92,7 +89,7 @@ def project_balls(
     return tree, number[model.labels], cost
 
 
-def diagnose_balls(frames: Frames, canonical: int, tree: BallTree, labels: IntArray) -> list[JointDiagnostics]:
+def diagnose_balls(frames: Frames, canonical: int, tree: BallTree, labels: Int[Array, " M"]) -> list[JointDiagnostics]:
     """One record a part, lengths in metres: how far the centres slip when the parts are registered freely."""
     free = register_to_fused(frames, canonical, Relaxed(tree.forward(), labels))
     parts = centred(frames, canonical, free, 1.0)

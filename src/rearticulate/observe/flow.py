@@ -5,24 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float
 from rearticulate.geometry.nearest import nearest, search_tree
-
-Array = NDArray[np.floating]
 
 TOUCHING = 1e-9  # share of the largest distance to an anchor at which a point counts as lying on it
 
 
 @dataclass(frozen=True)
 class SceneFlow:
-    """Where points of frame f are in frame f + 1: anchors (A, 3) in frame f, vectors (A, 3) from there. Any unit."""
+    """Where points of frame f are in frame f + 1: anchors in frame f, vectors from there. Any unit."""
 
-    anchors: Array
-    vectors: Array
+    anchors: Float[Array, "A 3"]
+    vectors: Float[Array, "A 3"]
 
-    def interpolate(self, queries: Array, k: int = 3) -> tuple[Array, Array]:
-        """Flow (n, 3) at points (n, 3) and the distance (n,) of the nearest anchor (infinite where there is none).
+    def interpolate(self, queries: Float[Array, "n 3"], k: int = 3) -> tuple[Float[Array, "n 3"], Float[Array, " n"]]:
+        """Flow at points and the distance of the nearest anchor (infinite where there is none).
 
         Mean of the k nearest anchors, weighted by their inverse distance (paper, sec. 3.2, "flow energy term").
         """
@@ -34,7 +32,7 @@ class SceneFlow:
         return weigh(distance, self.vectors[row]), distance[:, 0]
 
 
-def weigh(distance: Array, vectors: Array) -> Array:
-    """(n, 3) mean of vectors (n, k, 3), weighted by the inverse of distance (n, k); finite on an anchor."""
+def weigh(distance: Float[Array, "n k"], vectors: Float[Array, "n k 3"]) -> Float[Array, "n 3"]:
+    """Mean of vectors, weighted by the inverse of distance; finite on an anchor."""
     weight = 1.0 / np.maximum(distance, TOUCHING * distance.max(initial=0.0) + np.finfo(distance.dtype).tiny)
     return np.einsum("nk,nkc->nc", weight / weight.sum(axis=1, keepdims=True), vectors)

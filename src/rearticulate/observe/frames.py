@@ -13,15 +13,12 @@ from itertools import pairwise
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.observe.planes import neighbour_offsets
 from rearticulate.observe.views import Views, make_views
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 NORMAL_NEIGHBOURS = 16
 NEIGHBOURS = 12
@@ -35,19 +32,19 @@ SAMPLE = 20_000  # points of all frames together that an approximate registratio
 class Frames:
     """F clouds, stored one after the other.
 
-    points (M, 3), normals (M, 3) of unknown sign, frame (M,) frame of each point, start (F + 1,) first point of each.
-    order (M,): row of each point in the input's concatenated frames. unit: metres a spacing. centre (3,): metres.
+    points, normals of unknown sign, frame of each point, start (F + 1,): first point of each.
+    order: row of each point in the input's concatenated frames. unit: metres a spacing. centre: metres.
     views: what the sensors see of other places, where it is known from where these points were taken.
     """
 
-    points: Array
-    normals: Array
-    frame: IntArray
-    start: IntArray
+    points: Float[Array, "M 3"]
+    normals: Float[Array, "M 3"]
+    frame: Int[Array, " M"]
+    start: Int[Array, " _"]
     trees: tuple[KDTree, ...]
-    order: IntArray
+    order: Int[Array, " M"]
     unit: float
-    centre: Array
+    centre: Float[Array, " 3"]
     views: Views | None = None
 
     @property
@@ -60,8 +57,8 @@ class Frames:
         return max(1, len(self.points) // SAMPLE)
 
     @cached_property
-    def neighbours(self) -> IntArray:
-        """(M, K) rows of the nearest other points of the same frame, nearest first."""
+    def neighbours(self) -> Int[Array, "M K"]:
+        """Rows of the nearest other points of the same frame, nearest first."""
         return np.concatenate(
             [
                 nearest(t, t.data, k=NEIGHBOURS + 1)[1][:, 1:] + s
@@ -76,8 +73,8 @@ class Frames:
         return max(NOISE_FLOOR, QUARTILE * float(np.quantile(found, 0.25)) / np.sqrt(2)) if len(found) else NOISE_FLOOR
 
     @cached_property
-    def surroundings(self) -> tuple[IntArray, Array]:
-        """(M, K) rows of more of them, and their distances; -1 and inf where there are no more."""
+    def surroundings(self) -> tuple[Int[Array, "M K"], Float[Array, "M K"]]:
+        """Rows of more of them, and their distances; -1 and inf where there are no more."""
         near, distance = (
             np.full((len(self.points), SURROUNDINGS), -1, np.int32),
             np.full((len(self.points), SURROUNDINGS), np.inf, np.float32),
@@ -89,12 +86,12 @@ class Frames:
         return near, distance
 
     @cached_property
-    def offsets(self) -> Array:
-        """(M, K) distance of each of `neighbours` from the tangent plane of the point."""
+    def offsets(self) -> Float[Array, "M K"]:
+        """Distance of each of `neighbours` from the tangent plane of the point."""
         gap = self.points[self.neighbours] - self.points[:, None]
         return np.abs(np.einsum("nki,ni->nk", gap, self.normals))
 
-    def take(self, chosen: IntArray) -> Frames:
+    def take(self, chosen: Int[Array, " G"]) -> Frames:
         """These frames (in order) alone, in the same unit; `order` still points into all frames of the input."""
         rows = np.flatnonzero(np.isin(self.frame, chosen))
         sizes = np.diff(self.start)[chosen]
@@ -110,8 +107,8 @@ class Frames:
             views=None if self.views is None else self.views.take(chosen),
         )
 
-    def only(self, rows: IntArray) -> Frames:
-        """The same frames with these points alone (k,), in ascending order; row k of it is row rows[k] here."""
+    def only(self, rows: Int[Array, " k"]) -> Frames:
+        """The same frames with these points alone, in ascending order; row k of it is row rows[k] here."""
         frame = self.frame[rows]
         start = np.searchsorted(frame, np.arange(self.n_frames + 1))
         return replace(
@@ -129,13 +126,15 @@ class Frames:
         return slice(int(self.start[f]), int(self.start[f + 1]))
 
 
-def point_spacing(clouds: Sequence[Array]) -> float:
+def point_spacing(clouds: Sequence[Float[Array, "_ 3"]]) -> float:
     """Median distance to the nearest other point, over all frames."""
     return float(np.median(np.concatenate([nearest(search_tree(p), p, k=2)[0][:, 1] for p in clouds])))
 
 
-def estimate_normals(points: Array, tree: KDTree, neighbours: int = NORMAL_NEIGHBOURS) -> Array:
-    """(N, 3) unit normals of unknown sign: smallest principal direction of the nearest points."""
+def estimate_normals(
+    points: Float[Array, "N 3"], tree: KDTree, neighbours: int = NORMAL_NEIGHBOURS
+) -> Float[Array, "N 3"]:
+    """Unit normals of unknown sign: smallest principal direction of the nearest points."""
     _, near = nearest(tree, points, k=min(neighbours, tree.n))
     return smallest_direction(tree.data, near)
 
@@ -158,16 +157,16 @@ def _scatter(points, sets):
     return out
 
 
-def smallest_direction(points: Array, sets: IntArray) -> Array:
-    """(N, 3) direction of least spread of each set (N, K) of rows of points (M, 3)."""
+def smallest_direction(points: Float[Array, "M 3"], sets: Int[Array, "N K"]) -> Float[Array, "N 3"]:
+    """Direction of least spread of each set of rows of points."""
     return np.linalg.eigh(_scatter(points, sets), UPLO="L")[1][:, :, 0]
 
 
 def make_frames(
-    clouds: Sequence[Array],
+    clouds: Sequence[Float[Array, "_ 3"]],
     neighbours: int = NORMAL_NEIGHBOURS,
-    origins: Sequence[Array] = (),
-    sensor: Sequence[IntArray] = (),
+    origins: Sequence[Float[Array, "_ 3"]] = (),
+    sensor: Sequence[Int[Array, " _"]] = (),
 ) -> Frames:
     """Normalise the clouds (metres) into `Frames`. origins, sensor: as in a `PointSequence`."""
     unit = point_spacing(clouds)

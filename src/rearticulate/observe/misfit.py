@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import inverse, transform_by
 from rearticulate.observe.frames import Frames
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 EVIDENCE_FRAMES = 12  # that a point is tested against, at most
 
@@ -21,11 +18,15 @@ def evidence_frames(F: int, limit: int = EVIDENCE_FRAMES) -> list[int]:
 
 
 def point_misfit(
-    frames: Frames, T: Array, labels: IntArray, rows: IntArray | None = None, targets: list[int] | None = None
-) -> Array:
-    """(n,) mean over the target frames of a point's capped distance and plane distance, in spacings.
+    frames: Frames,
+    T: Float[Array, "F P 4 4"],
+    labels: Int[Array, " n"],
+    rows: Int[Array, " n"] | None = None,
+    targets: list[int] | None = None,
+) -> Float[Array, " n"]:
+    """Mean over the target frames of a point's capped distance and plane distance, in spacings.
 
-    rows (n,): the points that are asked, all by default; labels (n,): theirs.
+    rows: the points that are asked, all by default; labels: theirs.
     """
     rows = np.arange(len(frames.points)) if rows is None else rows
     targets = evidence_frames(frames.n_frames) if targets is None else targets
@@ -42,8 +43,8 @@ def point_misfit(
     return total / np.maximum(count, 1)
 
 
-def sampling_distance(frames: Frames) -> Array:
-    """(F,) what `frame_residual` of an exact model would be, in spacings: mean distance of one random half of a frame's
+def sampling_distance(frames: Frames) -> Float[Array, " F"]:
+    """What `frame_residual` of an exact model would be, in spacings: mean distance of one random half of a frame's
     points to the other, which has half the density; distances in a surface go with its inverse square root."""
     rng, out = np.random.default_rng(0), np.zeros(frames.n_frames)
     for f in range(frames.n_frames):
@@ -53,8 +54,10 @@ def sampling_distance(frames: Frames) -> Array:
     return out
 
 
-def frame_residual(frames: Frames, canonical: int, T: Array, labels: IntArray) -> Array:
-    """(F,) mean distance of the moved canonical points to each frame, in spacings."""
+def frame_residual(
+    frames: Frames, canonical: int, T: Float[Array, "F P 4 4"], labels: Int[Array, " M"]
+) -> Float[Array, " F"]:
+    """Mean distance of the moved canonical points to each frame, in spacings."""
     rows = frames.rows(canonical)
     out = np.zeros(frames.n_frames)
     for f in range(frames.n_frames):

@@ -9,12 +9,9 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.geometry.nearest import nearest, search_tree
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 NEIGHBOURS = 24
 PLANE_NEIGHBOURS = 20  # that vote for the plane of a point
@@ -115,15 +112,17 @@ def _planes(points, near, thickness, tries, share):
     return out
 
 
-def plane_normals(points: Array, near: IntArray | None = None, thickness: float = THICKNESS) -> Array:
-    """(N, 3) unit normals of unknown sign of points (N, 3), three at least. near (N, K): their neighbours, if known."""
+def plane_normals(
+    points: Float[Array, "N 3"], near: Int[Array, "N K"] | None = None, thickness: float = THICKNESS
+) -> Float[Array, "N 3"]:
+    """Unit normals of unknown sign of points, three at least. near: their neighbours, if known."""
     if near is None:
         near = nearest(search_tree(points), points, k=min(PLANE_NEIGHBOURS + 1, len(points)))[1][:, 1:]
     return _planes(np.ascontiguousarray(points), near[:, :PLANE_NEIGHBOURS], thickness, TRIES, ENOUGH)
 
 
-def neighbour_offsets(points: Array) -> Array:
-    """(k,) distances of the nearest points from the plane of each point of a cloud (N, 3), in any order."""
+def neighbour_offsets(points: Float[Array, "N 3"]) -> Float[Array, " k"]:
+    """Distances of the nearest points from the plane of each point of a cloud, in any order."""
     if len(points) < 4:
         return np.zeros(0)
     near = nearest(search_tree(points), points, k=min(PLANE_NEIGHBOURS + 1, len(points)))[1][:, 1:]
@@ -188,15 +187,17 @@ def _grow(points, normals, near, order, slab, step, passes, smallest):
     return layer
 
 
-def surroundings(points: Array) -> IntArray:
-    """(N, K) rows of the nearest other points of a cloud (N, 3), for `plane_layers`."""
+def surroundings(points: Float[Array, "N 3"]) -> Int[Array, "N K"]:
+    """Rows of the nearest other points of a cloud, for `plane_layers`."""
     if len(points) < 2:
         return np.zeros((len(points), 0), np.int64)
     return nearest(search_tree(points), points, k=min(NEIGHBOURS + 1, len(points)))[1][:, 1:]
 
 
-def plane_layers(points: Array, near: IntArray | None = None, slab: float = SLAB) -> tuple[IntArray, Array]:
-    """Layer (N,) of every point of a cloud (N, 3), -1 for none, and normals (N, 3): of layers, or of single planes.
+def plane_layers(
+    points: Float[Array, "N 3"], near: Int[Array, "N K"] | None = None, slab: float = SLAB
+) -> tuple[Int[Array, " N"], Float[Array, "N 3"]]:
+    """Layer of every point of a cloud, -1 for none, and normals: of layers, or of single planes.
     Lengths in spacings. near: `surroundings`, if known. Fewer than four points have no layers and any normals."""
     if len(points) < 4:
         return np.full(len(points), -1), np.tile([0.0, 0.0, 1.0], (len(points), 1))

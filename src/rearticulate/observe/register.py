@@ -10,15 +10,12 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.geometry.nearest import nearest
 from rearticulate.geometry.robust import geman_mcclure
 from rearticulate.geometry.se3 import exp_se3, rotate_by, transform_by
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 SETTLED = 3e-3  # a body whose step is smaller, in the second half of the schedule, is done
 CONVERGED = 5e-3  # a step that moves less than this many spacings is the last
@@ -81,22 +78,36 @@ def accumulate(y, z, normal, w_plane, w_point, body, H, g):
         H[b, 5, 5] += p
 
 
-def normal_equations(y, z, normal, w_plane, w_point, body, n_bodies: int) -> tuple[Array, Array]:
-    """H (B, 6, 6) symmetric and g (B, 6) of `accumulate`."""
+def normal_equations(
+    y: Float[Array, "n 3"],
+    z: Float[Array, "n 3"],
+    normal: Float[Array, "n 3"],
+    w_plane: Float[Array, " n"],
+    w_point: Float[Array, " n"],
+    body: Int[Array, " n"],
+    n_bodies: int,
+) -> tuple[Float[Array, "B 6 6"], Float[Array, "B 6"]]:
+    """H symmetric and g of `accumulate`."""
     H, g = np.zeros((n_bodies, 6, 6)), np.zeros((n_bodies, 6))
     accumulate(y, z, normal, w_plane, w_point, body, H, g)
     upper = np.triu(H, 1)
     return H + np.swapaxes(upper, -1, -2), g
 
 
-def solve_twists(H: Array, g: Array) -> Array:
-    """Damped Gauss-Newton steps (B, 6)."""
+def solve_twists(H: Float[Array, "*bodies 6 6"], g: Float[Array, "*bodies 6"]) -> Float[Array, "*bodies 6"]:
+    """Damped Gauss-Newton steps."""
     return -np.linalg.solve(H + np.diag(TWIST_DAMPING), g[..., None])[..., 0]
 
 
-def match(tree: KDTree, target_normals: Array, y: Array, ny: Array, within: float = np.inf):
+def match(
+    tree: KDTree,
+    target_normals: Float[Array, "m 3"],
+    y: Float[Array, "n 3"],
+    ny: Float[Array, "n 3"],
+    within: float = np.inf,
+) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"], Float[Array, " n"], Float[Array, " n"], Float[Array, " n"]]:
     """Nearest target points z, their normals nz, distance d, plane distance r, agreement |cos| of the normals of moved
-    points y with normals ny (n, 3). Beyond `within` d is inf and z any point."""
+    points y with normals ny. Beyond `within` d is inf and z any point."""
     d, j = nearest(tree, y, within=within)
     j = np.where(np.isfinite(d), j, 0)
     z, nz = tree.data[j], target_normals[j]
@@ -104,9 +115,15 @@ def match(tree: KDTree, target_normals: Array, y: Array, ny: Array, within: floa
 
 
 def register_bodies(
-    tree: KDTree, target_normals: Array, points: Array, normals: Array, body: IntArray, T: Array, schedule: Schedule
-) -> Array:
-    """Refine T_target_body (B, 4, 4) so that each body's points (n, 3) lie on the target cloud, each on its own."""
+    tree: KDTree,
+    target_normals: Float[Array, "m 3"],
+    points: Float[Array, "n 3"],
+    normals: Float[Array, "n 3"],
+    body: Int[Array, " n"],
+    T: Float[Array, "B 4 4"],
+    schedule: Schedule,
+) -> Float[Array, "B 4 4"]:
+    """Refine T_target_body so that each body's points lie on the target cloud, each on its own."""
     T = T.copy()
     active = np.ones(len(T), dtype=bool)
     for i in range(schedule.iterations):
@@ -126,8 +143,10 @@ def register_bodies(
     return T
 
 
-def fit_cost(tree: KDTree, target_normals: Array, y: Array, ny: Array) -> Array:
-    """(n,) misfit of moved points y with normals ny to a cloud: distance, plane distance and normal, each capped."""
+def fit_cost(
+    tree: KDTree, target_normals: Float[Array, "m 3"], y: Float[Array, "n 3"], ny: Float[Array, "n 3"]
+) -> Float[Array, " n"]:
+    """Misfit of moved points y with normals ny to a cloud: distance, plane distance and normal, each capped."""
     _, _, d, r, agreement = match(tree, target_normals, y, ny)
     c = 1 - agreement
     return np.minimum(d, 2.0) + 0.25 * np.minimum(np.abs(r) / 0.28, 3.0) + 0.2 * np.minimum(c / 0.3, 1.0)

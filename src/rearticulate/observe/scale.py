@@ -8,16 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Bool, Float, Int
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.robust import geman_mcclure
 from rearticulate.geometry.se3 import exp_se3, inverse, rotate, transform
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import FUSED_REACH, apart
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 STEPS = 30
 SETTLED = 1e-4  # a step that scales by less is the last
@@ -32,14 +29,14 @@ RIDGE = 1e-3  # keeps what a part does not show near its start
 
 @dataclass(frozen=True)
 class Scales:
-    """size (F,): how many times as large as the canonical frame each frame is. std (F,): its standard deviation."""
+    """size: how many times as large as the canonical frame each frame is. std: its standard deviation."""
 
-    size: Array
-    std: Array
+    size: Float[Array, " F"]
+    std: Float[Array, " F"]
 
     @property
-    def differ(self) -> NDArray[np.bool_]:
-        """(F,) the frames that are surely of another size; none where all are alike to what clean recordings are."""
+    def differ(self) -> Bool[Array, " F"]:
+        """The frames that are surely of another size; none where all are alike to what clean recordings are."""
         surely = np.abs(self.size - 1) > np.maximum(SURE * self.std, LEAST)
         return surely & (np.ptp(np.where(surely, self.size, 1.0)) > DRIFT)
 
@@ -49,12 +46,12 @@ class Scales:
         return float(np.ptp(np.where(self.differ, self.size, 1.0)))
 
 
-def frame_scales(frames: Frames, canonical: int, T: Array, labels: IntArray) -> Scales:
+def frame_scales(frames: Frames, canonical: int, T: Float[Array, "F P 4 4"], labels: Int[Array, " M"]) -> Scales:
     """Register every part of every frame to its canonical points by a similarity; the scale of a frame is the median
     of those of its parts, weighted by what they know, and its deviation how far the parts agree.
 
-    T (F, P, 4, 4) and labels (M,) of all points: the start. A part is scaled about its middle, so it does not matter
-    where its joints let it stand.
+    T and labels of all points: the start. A part is scaled about its middle, so it does not matter where its joints let
+    it stand.
     """
     F, P = T.shape[:2]
     rows = np.arange(0, len(labels), frames.stride)
@@ -85,18 +82,23 @@ def frame_scales(frames: Frames, canonical: int, T: Array, labels: IntArray) -> 
     return Scales(found.size, np.maximum(found.std, BIAS / radius))
 
 
-def _mean_normals(a: Array, b: Array) -> Array:
-    """(n, 3) mean directions of normals of any sign. On a round surface the plane of one point lies outside, and every
+def _mean_normals(a: Float[Array, "n 3"], b: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+    """Mean directions of normals of any sign. On a round surface the plane of one point lies outside, and every
     cloud would seem to be smaller than the one that it is compared with."""
     mean = a + b * np.where(np.einsum("ij,ij->i", a, b) < 0, -1.0, 1.0)[:, None]
     return mean / np.linalg.norm(mean, axis=1, keepdims=True)
 
 
-def _similarities(arm: Array, n: Array, r: Array, w: Array, start: IntArray) -> tuple[Array, Array]:
-    """Gauss-Newton step (B, 7) of twists and log scales of bodies, and the information (B,) about their scales.
+def _similarities(
+    arm: Float[Array, "n 3"],
+    n: Float[Array, "n 3"],
+    r: Float[Array, " n"],
+    w: Float[Array, " n"],
+    start: Int[Array, " B"],
+) -> tuple[Float[Array, "B 7"], Float[Array, " B"]]:
+    """Gauss-Newton step of twists and log scales of bodies, and the information about their scales.
 
-    arm (n, 3): points from the middle of their body, normals n (n, 3), residuals r (n,), weights w (n,). start (B,):
-    first row of each body.
+    arm: points from the middle of their body, normals n, residuals r, weights w. start: first row of each body.
     """
     J = np.concatenate([np.cross(arm, n), n, np.einsum("ij,ij->i", arm, n)[:, None]], axis=1)
     H = np.add.reduceat(J[:, :, None] * (w[:, None] * J)[:, None], start) + RIDGE * np.eye(7)
@@ -104,8 +106,8 @@ def _similarities(arm: Array, n: Array, r: Array, w: Array, start: IntArray) -> 
     return -np.linalg.solve(H, g[..., None])[..., 0], 1 / np.linalg.inv(H)[:, 6, 6]
 
 
-def _median_of_bodies(F: int, frame: IntArray, size: Array, std: Array) -> Scales:
-    """Weighted median of the sizes (B,) of each frame's bodies; 1, and surely so, where there are none."""
+def _median_of_bodies(F: int, frame: Int[Array, " B"], size: Float[Array, " B"], std: Float[Array, " B"]) -> Scales:
+    """Weighted median of the sizes of each frame's bodies; 1, and surely so, where there are none."""
     median, deviation = np.ones(F), np.zeros(F)
     for f in range(F):
         told = (frame == f) & (std < KNOWN)
@@ -117,7 +119,7 @@ def _median_of_bodies(F: int, frame: IntArray, size: Array, std: Array) -> Scale
     return Scales(median, deviation)
 
 
-def _weighted_median(x: Array, w: Array) -> float:
+def _weighted_median(x: Float[Array, " n"], w: Float[Array, " n"]) -> float:
     order = np.argsort(x, kind="stable")
     share = np.cumsum(w[order])
     return float(x[order[np.searchsorted(share, share[-1] / 2)]])

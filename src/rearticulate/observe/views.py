@@ -11,13 +11,10 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from rearticulate.arrays import Array, Bool, Float, Int
 from rearticulate.geometry.nearest import nearest, search_tree
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 UNKNOWN, HIDDEN, NEAR, EMPTY = range(4)  # of several sensors the highest has the word
 WINDOW = 5  # pixels of a spacing; so many hold a point nearly always, while every third pixel alone is empty
@@ -33,41 +30,40 @@ FEWEST = 20  # points that make an image
 class Views:
     """Depth images of V sensors, frame by frame.
 
-    first (F + 1,): first sensor of each frame. origin (V, 3); axes (V, 3, 3): rows right, up and forward; focal (V,):
-    pixels a unit of tangent; edge (V,): spacings. corner (V, 2), shape (V, 2), start (V + 1,): of each image.
-    low, high (pixels,): least and largest range in the window around each pixel, inf and -inf where it is empty.
-    tolerance: spacings.
+    first (F + 1,): first sensor of each frame. axes: rows right, up and forward; focal: pixels a unit of tangent;
+    edge: spacings. corner, shape, start: of each image. low, high: least and largest range in the window around each
+    pixel, inf and -inf where it is empty. tolerance: spacings.
     """
 
-    first: IntArray
-    origin: Array
-    axes: Array
-    focal: Array
-    edge: Array
-    corner: IntArray
-    shape: IntArray
-    start: IntArray
-    low: Array
-    high: Array
+    first: Int[Array, " _"]
+    origin: Float[Array, "V 3"]
+    axes: Float[Array, "V 3 3"]
+    focal: Float[Array, " V"]
+    edge: Float[Array, " V"]
+    corner: Int[Array, "V 2"]
+    shape: Int[Array, "V 2"]
+    start: Int[Array, " V+1"]
+    low: Float[Array, " pixels"]
+    high: Float[Array, " pixels"]
     tolerance: float
 
-    def classes(self, y: Array, frame: IntArray) -> IntArray:
-        """(n,) `HIDDEN`, `NEAR`, `EMPTY` or `UNKNOWN`: places y (n, 3) as frames (n,) see them."""
+    def classes(self, y: Float[Array, "n 3"], frame: Int[Array, " n"]) -> Int[Array, " n"]:
+        """`HIDDEN`, `NEAR`, `EMPTY` or `UNKNOWN`: places y as frames see them."""
         return _classes(
             y, frame, self.first, self.origin, self.axes, self.focal, self.edge, self.corner, self.shape, self.start,
             self.low, self.high, self.tolerance,
         )  # fmt: skip
 
-    def blind(self, y: Array, frame: IntArray) -> NDArray[np.bool_]:
-        """(n,) places y (n, 3) of which no sensor of frames (n,) tells what is there: hidden or unknown."""
+    def blind(self, y: Float[Array, "n 3"], frame: Int[Array, " n"]) -> Bool[Array, " n"]:
+        """Places y of which no sensor of frames tells what is there: hidden or unknown."""
         return np.isin(self.classes(y, frame), (UNKNOWN, HIDDEN))
 
-    def cover(self, y: Array) -> Array:
-        """(F,) share of places y (n, 3) that each frame does not hide."""
+    def cover(self, y: Float[Array, "n 3"]) -> Float[Array, " F"]:
+        """Share of places y that each frame does not hide."""
         F = len(self.first) - 1
         return np.array([np.mean(self.classes(y, np.full(len(y), f)) != HIDDEN) for f in range(F)])
 
-    def take(self, chosen: IntArray) -> Views:
+    def take(self, chosen: Int[Array, " G"]) -> Views:
         """Those of these frames (in order) alone."""
         v = _ranges(self.first, chosen)
         pixels = _ranges(self.start, v)
@@ -86,7 +82,7 @@ class Views:
         )
 
 
-def _ranges(first: IntArray, chosen: IntArray) -> IntArray:
+def _ranges(first: Int[Array, " m"], chosen: Int[Array, " k"]) -> Int[Array, " n"]:
     """All of first[i] to first[i + 1] for the chosen i."""
     return np.concatenate([np.arange(int(first[i]), int(first[i + 1])) for i in chosen])
 
@@ -120,17 +116,17 @@ def _classes(y, frame, first, origin, axes, focal, edge, corner, shape, start, l
 
 @dataclass(frozen=True)
 class _Image:
-    origin: Array
-    axes: Array
+    origin: Float[Array, " 3"]
+    axes: Float[Array, "3 3"]
     focal: float
     edge: float
-    corner: IntArray
-    low: Array
-    high: Array
+    corner: Int[Array, " 2"]
+    low: Float[Array, "width height"]
+    high: Float[Array, "width height"]
 
 
-def _image(origin: Array, points: Array, pixel: float) -> _Image | None:
-    """Depth image of the points (n, 3) that a sensor took; pixel: its size in the middle, in spacings."""
+def _image(origin: Float[Array, " 3"], points: Float[Array, "n 3"], pixel: float) -> _Image | None:
+    """Depth image of the points that a sensor took; pixel: its size in the middle, in spacings."""
     forward = np.median(points, axis=0) - origin
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, np.eye(3)[np.abs(forward).argmin()]).astype(np.float64)
@@ -154,7 +150,10 @@ def _image(origin: Array, points: Array, pixel: float) -> _Image | None:
 
 
 def make_views(
-    clouds: Sequence[Array], origins: Sequence[Array], sensor: Sequence[IntArray], noise: float
+    clouds: Sequence[Float[Array, "_ 3"]],
+    origins: Sequence[Float[Array, "_ 3"]],
+    sensor: Sequence[Int[Array, " _"]],
+    noise: float,
 ) -> Views | None:
     """Of clouds (N_f, 3) taken from origins (S, 3) a frame, by sensor (N_f,) where it is known: else every sensor took
     every point. None where there is no image. noise: of a range."""

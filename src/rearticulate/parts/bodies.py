@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.geometry.se3 import adjoint, inverse, rotate_by
 from rearticulate.observe.body import (
     EVIDENCE_FRAMES,
@@ -33,16 +33,14 @@ from rearticulate.parallel import each
 from rearticulate.parts.cuts import Borders, sheet_borders
 from rearticulate.parts.relaxed import Relaxed, keep_parts
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 Bodies = tuple[Body, ...]
 
 LEAST = 3  # points a frame of a body
 
 
-def make_bodies(frames: Frames, T: Array, labels: IntArray, before: Bodies = ()) -> Bodies:
-    """One for each part of T (F, P, 4, 4) and labels (M,). before: of what has the same points and about the same
-    motion the neighbours or normals are kept."""
+def make_bodies(frames: Frames, T: Float[Array, "F P 4 4"], labels: Int[Array, " M"], before: Bodies = ()) -> Bodies:
+    """One for each part of T and labels. before: of what has the same points and about the same motion the neighbours
+    or normals are kept."""
 
     def make(p: int) -> Body:
         rows = np.flatnonzero(labels == p)
@@ -53,18 +51,17 @@ def make_bodies(frames: Frames, T: Array, labels: IntArray, before: Bodies = ())
     return tuple(each(make, range(T.shape[1])))
 
 
-def group(frames: Frames, T: Array, labels: IntArray, normals: Array) -> Bodies:
-    """As `make_bodies`, with known normals (M, 3) of all points in their frames."""
+def group(frames: Frames, T: Float[Array, "F P 4 4"], labels: Int[Array, " M"], normals: Float[Array, "M 3"]) -> Bodies:
+    """As `make_bodies`, with known normals of all points in their frames."""
     return tuple(carried(frames, np.flatnonzero(labels == p), T[:, p], normals) for p in range(T.shape[1]))
 
 
-def poses(bodies: Bodies) -> Array:
-    """(F, P, 4, 4)"""
+def poses(bodies: Bodies) -> Float[Array, "F P 4 4"]:
     return np.stack([body.T for body in bodies], axis=1)
 
 
-def labels_of(bodies: Sequence[Body], M: int) -> IntArray:
-    """(M,) -1 where a point is no body's."""
+def labels_of(bodies: Sequence[Body], M: int) -> Int[Array, " M"]:
+    """-1 where a point is no body's."""
     labels = np.full(M, -1)
     for p, body in enumerate(bodies):
         labels[body.rows] = p
@@ -76,16 +73,16 @@ def to_relaxed(bodies: Bodies, M: int) -> Relaxed:
     return Relaxed(poses(bodies), labels_of(bodies, M))
 
 
-def own_normals(bodies: Bodies, M: int) -> Array:
-    """(M, 3) normals of all points, in their frames."""
+def own_normals(bodies: Bodies, M: int) -> Float[Array, "M 3"]:
+    """Normals of all points, in their frames."""
     out = np.empty((M, 3))
     for body in bodies:
         out[body.rows] = rotate_by(body.T, body.frame, body.normals)
     return out
 
 
-def all_misfits(bodies: Bodies, M: int, noise: float) -> Array:
-    """(M,) misfit of every point to its own body."""
+def all_misfits(bodies: Bodies, M: int, noise: float) -> Float[Array, " M"]:
+    """Misfit of every point to its own body."""
     out = np.empty(M)
     for body, found in zip(bodies, each(lambda body: own_misfits(body, noise), bodies), strict=True):
         out[body.rows] = found
@@ -99,11 +96,11 @@ def price(frames: Frames) -> float:
 
 @dataclass(frozen=True)
 class Explanation:
-    """How well bodies explain the clouds. shares (M, G): of all points (`observe.body`); rest: cost of borders and of
-    the description of the bodies; score: twice minus the log-likelihood, with what frames cannot tell of as denied, and
-    the rest. Lower is better."""
+    """How well bodies explain the clouds. shares: of all points (`observe.body`); rest: cost of borders and of the
+    description of the bodies; score: twice minus the log-likelihood, with what frames cannot tell of as denied, and the
+    rest. Lower is better."""
 
-    shares: Array
+    shares: Float[Array, "M G"]
     rest: float
     score: float
 
@@ -125,29 +122,29 @@ def score(frames: Frames, bodies: Bodies) -> float:
     return explanation(frames, bodies).score
 
 
-def all_shares(frames: Frames, bodies: Sequence[Body]) -> Array:
-    """(M, G) shares of all points, nan of those that are no body's."""
+def all_shares(frames: Frames, bodies: Sequence[Body]) -> Float[Array, "M G"]:
+    """Shares of all points, nan of those that are no body's."""
     out = np.full((len(frames.points), len(evidence_frames(frames.n_frames, EVIDENCE_FRAMES))), np.nan)
     for body, found in zip(bodies, each(lambda body: shares(frames, body), bodies), strict=True):
         out[body.rows] = found
     return out
 
 
-def score_of(frames: Frames, T: Array, labels: IntArray) -> float:
-    """Score of the parts of poses T (F, P, 4, 4) and labels (M,), those without points among them."""
+def score_of(frames: Frames, T: Float[Array, "F P 4 4"], labels: Int[Array, " M"]) -> float:
+    """Score of the parts of poses T and labels, those without points among them."""
     return score(frames, make_bodies(frames, T, labels))
 
 
-def border_between(borders: Borders, a: IntArray, b: IntArray, M: int) -> float:
+def border_between(borders: Borders, a: Int[Array, " A"], b: Int[Array, " B"], M: int) -> float:
     """Cost of the borders between two sets of points."""
     side = np.zeros(M, dtype=np.int8)
     side[a], side[b] = 1, 2
     return float(borders.cost[side[borders.i] * side[borders.j] == 2].sum())
 
 
-def bodies_equations(bodies: Bodies, sigma: float) -> tuple[Array, Array]:
-    """Normal equations H (F, P, 6, 6), g (F, P, 6) of left twists of the poses T. A left twist of a frame's points at
-    canonical is -inv(T) (twist) T of its pose."""
+def bodies_equations(bodies: Bodies, sigma: float) -> tuple[Float[Array, "F P 6 6"], Float[Array, "F P 6"]]:
+    """Normal equations H, g of left twists of the poses T. A left twist of a frame's points at canonical is -inv(T)
+    (twist) T of its pose."""
     found = each(lambda body: pair_equations(body, sigma), bodies)
     H, g = (np.stack(each, axis=1) for each in zip(*found, strict=True))
     A = adjoint(inverse(poses(bodies)))

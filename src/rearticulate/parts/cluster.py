@@ -3,39 +3,34 @@
 from __future__ import annotations
 
 import heapq
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
 from rearticulate.parts.patches import Tracks
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 SIGMA = 0.75  # spacings; deviation of a tracked point
 
 
 @dataclass
 class Moments:
-    """Sums over the points of each cluster that fix its best rigid motion to every frame (Kabsch 1976).
+    """Sums over the points of each cluster that fix its best rigid motion to every frame (Kabsch 1976)."""
 
-    n (K,), x (K, 3), xx (K,), y (K, F, 3), yy (K, F), xy (K, F, 3, 3).
-    """
+    n: Float[Array, " K"]
+    x: Float[Array, "K 3"]
+    xx: Float[Array, " K"]
+    y: Float[Array, "K F 3"]
+    yy: Float[Array, "K F"]
+    xy: Float[Array, "K F 3 3"]
 
-    n: Array
-    x: Array
-    xx: Array
-    y: Array
-    yy: Array
-    xy: Array
-
-    def fields(self) -> tuple[Array, ...]:
+    def fields(self) -> tuple[Float[Array, "K ..."], ...]:
         return self.n, self.x, self.xx, self.y, self.yy, self.xy
 
-    def take(self, k) -> Moments:
+    def take(self, k: Sequence[int] | Int[Array, " k"]) -> Moments:
         return Moments(*(a[k] for a in self.fields()))
 
     def plus(self, other: Moments) -> Moments:
@@ -45,12 +40,12 @@ class Moments:
         for mine, theirs in zip(self.fields(), other.fields(), strict=True):
             mine[k] = theirs[0]
 
-    def covariance(self) -> Array:
+    def covariance(self) -> Float[Array, "K F 3 3"]:
         n = self.n[:, None, None, None]
         return self.xy - self.x[:, None, :, None] * self.y[:, :, None, :] / n
 
-    def squared_error(self) -> Array:
-        """(K, F) sum of squared distances under the best rigid motion."""
+    def squared_error(self) -> Float[Array, "K F"]:
+        """Sum of squared distances under the best rigid motion."""
         n = self.n[:, None]
         spread_x = self.xx[:, None] - (self.x**2).sum(-1)[:, None] / n
         spread_y = self.yy - (self.y**2).sum(-1) / n
@@ -59,8 +54,8 @@ class Moments:
         alignment = s[..., 0] + s[..., 1] + np.sign(np.linalg.det(C)) * s[..., 2]
         return np.maximum(spread_x + spread_y - 2 * alignment, 0)
 
-    def motion(self) -> Array:
-        """(K, F, 4, 4) best rigid motion from x to y."""
+    def motion(self) -> Float[Array, "K F 4 4"]:
+        """Best rigid motion from x to y."""
         U, _, Vt = np.linalg.svd(self.covariance())
         D = np.zeros_like(U)
         D[..., 0, 0] = D[..., 1, 1] = 1.0
@@ -74,8 +69,8 @@ class Moments:
         return T
 
 
-def moments(x: Array, y: Array, label: IntArray, K: int) -> Moments:
-    """Moments of points x (N, 3) that move to y (F, N, 3), per label."""
+def moments(x: Float[Array, "N 3"], y: Float[Array, "F N 3"], label: Int[Array, " N"], K: int) -> Moments:
+    """Moments of points x that move to y, per label."""
     one_hot = np.zeros((K, len(x)))
     one_hot[label, np.arange(len(x))] = 1.0
     xy = np.einsum("ni,fnj->nfij", x, y).reshape(len(x), -1)
@@ -90,7 +85,7 @@ def moments(x: Array, y: Array, label: IntArray, K: int) -> Moments:
     )
 
 
-def adjacent_labels(points: Array, label: IntArray, neighbours: int = 10) -> set[tuple[int, int]]:
+def adjacent_labels(points: Float[Array, "N 3"], label: Int[Array, " N"], neighbours: int = 10) -> set[tuple[int, int]]:
     """Pairs of labels (a < b) that touch in the nearest-neighbour graph."""
     _, j = nearest(search_tree(points), points, k=min(neighbours, len(points)))
     a, b = np.repeat(label, j.shape[1] - 1), label[j[:, 1:]].ravel()
@@ -98,7 +93,7 @@ def adjacent_labels(points: Array, label: IntArray, neighbours: int = 10) -> set
     return {(int(p), int(q)) for p, q in pairs}
 
 
-def cluster(tracks: Tracks, penalty: float, max_fragments: int) -> tuple[IntArray, Array]:
+def cluster(tracks: Tracks, penalty: float, max_fragments: int) -> tuple[Int[Array, " N"], Float[Array, "F P 4 4"]]:
     """Merge neighbouring patches, cheapest first, until the cheapest merge costs more than the penalty and there are no
     more fragments than allowed. penalty: growth of the rigid-fit error, in SIGMA^2 a frame.
 

@@ -7,14 +7,11 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
+from rearticulate.arrays import Array, Bool, Float, Int
 from rearticulate.observe.frames import Frames
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 KEPT = 8  # neighbours in the same sheet
 DISTANCE, OFFSET = 4.0, 0.4  # spacings; Gaussian weights of a neighbour's distance and of its offset from the plane
@@ -26,14 +23,14 @@ UNIT = 1000  # capacities are whole numbers
 
 @dataclass(frozen=True)
 class Borders:
-    """Pairs of neighbours i (E,), j (E,) of one sheet and one frame, and what a border between the two costs."""
+    """Pairs of neighbours i, j of one sheet and one frame, and what a border between the two costs."""
 
-    i: IntArray
-    j: IntArray
-    cost: Array
+    i: Int[Array, " E"]
+    j: Int[Array, " E"]
+    cost: Float[Array, " E"]
 
-    def between(self, labels: IntArray) -> float:
-        """Cost of all borders of labels (M,)."""
+    def between(self, labels: Int[Array, " M"]) -> float:
+        """Cost of all borders of labels."""
         return float(self.cost[labels[self.i] != labels[self.j]].sum())
 
 
@@ -66,8 +63,8 @@ def _weights(points, normals, near, distance, scale, offset_scale, agreement, ke
             out[i, m] *= strength / max(total, isolated)
 
 
-def sheet_borders(frames: Frames, normals: Array) -> Borders:
-    """Neighbours that lie in the same sheet, told by normals (M, 3)."""
+def sheet_borders(frames: Frames, normals: Float[Array, "M 3"]) -> Borders:
+    """Neighbours that lie in the same sheet, told by normals."""
     M, (near, distance) = len(frames.points), frames.surroundings
     weight, chosen = np.empty((M, KEPT)), np.empty((M, KEPT), np.int64)
     _weights(
@@ -81,9 +78,8 @@ def sheet_borders(frames: Frames, normals: Array) -> Borders:
     return Borders(key[kept] // M, key[kept] % M, cost[kept])
 
 
-def expand(cost: Array, labels: IntArray, borders: Borders, part: int) -> IntArray:
-    """Labels (M,) after the best set of points has gone over to `part`. cost (M, P), inf where a part is out of the
-    question."""
+def expand(cost: Float[Array, "M P"], labels: Int[Array, " M"], borders: Borders, part: int) -> Int[Array, " M"]:
+    """Labels after the best set of points has gone over to `part`. cost: inf where a part is out of the question."""
     free = np.flatnonzero(np.isfinite(cost[:, part]) & (labels != part))
     if len(free) == 0:
         return labels
@@ -106,8 +102,14 @@ def expand(cost: Array, labels: IntArray, borders: Borders, part: int) -> IntArr
     return np.where(_go(len(free), links, stay, go, number), part, labels)
 
 
-def _go(n: int, links: tuple[IntArray, IntArray, Array], stay: Array, go: Array, number: IntArray) -> NDArray[np.bool_]:
-    """(M,) which points go: those on the sink's side of the minimum cut. A link i -> j costs if i stays and j goes."""
+def _go(
+    n: int,
+    links: tuple[Int[Array, " L"], Int[Array, " L"], Float[Array, " L"]],
+    stay: Float[Array, " n"],
+    go: Float[Array, " n"],
+    number: Int[Array, " M"],
+) -> Bool[Array, " M"]:
+    """Which points go: those on the sink's side of the minimum cut. A link i -> j costs if i stays and j goes."""
     source, sink = n, n + 1
     least, every = np.minimum(stay, go), np.arange(n)
     rows = np.concatenate([links[0], np.full(n, source), every])

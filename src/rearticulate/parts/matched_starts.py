@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.geometry.kabsch import robust_kabsch
 from rearticulate.geometry.nearest import rms_radius
 from rearticulate.geometry.se3 import transform
@@ -15,9 +15,6 @@ from rearticulate.network.inference import Network, load_network
 from rearticulate.network.pyramid import MIN_POINTS
 from rearticulate.observe.flow import SceneFlow
 from rearticulate.observe.frames import Frames
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 ANCHORS = 8  # matches that a point's motion is interpolated from
 OUTLIER = 6.0  # spacings; robust scale of a point against the rigid motion of its patch
@@ -28,7 +25,7 @@ class MatchedStarts:
 
     def __init__(self, frames: Frames) -> None:
         self._frames = frames
-        self._features: dict[int, Array] = {}
+        self._features: dict[int, Float[Array, "_ D"]] = {}
 
     @cached_property
     def _network(self) -> Network:
@@ -53,8 +50,10 @@ class MatchedStarts:
         i, j = mutual_matches(self._features[a], self._features[b], ratio)
         return SceneFlow(x[i], y[j] - x[i])
 
-    def poses(self, T: Array, points: Array, patch: IntArray, a: int, b: int) -> Array:
-        """Patch poses (K, 4, 4) in frame b from those in frame a; points (m, 3) of patches (m,), canonical."""
+    def poses(
+        self, T: Float[Array, "K 4 4"], points: Float[Array, "m 3"], patch: Int[Array, " m"], a: int, b: int
+    ) -> Float[Array, "K 4 4"]:
+        """Patch poses in frame b from those in frame a; points (m, 3) of patches (m,), canonical."""
         here = transform(T[patch], points)
         flow, _ = self.flow(a, b).interpolate(here, ANCHORS)
         return robust_kabsch(here, here + flow, patch, len(T), OUTLIER) @ T

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Bool, Float, Int
 from rearticulate.geometry.se3 import rotate_by
 from rearticulate.observe.body import REACH, Body, carried, misfits, own_misfits
 from rearticulate.observe.frames import Frames
@@ -21,9 +21,6 @@ from rearticulate.parts.cuts import Borders, expand, sheet_borders
 from rearticulate.parts.sheets import doubtful, part_distances
 from rearticulate.progress import Told, steps, untold
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
-
 NEAR, FAR = 3.7, 40.0  # spacings; bodies that are candidates for single points, and for layers
 ROUNDS, INNER = 3, 2
 SETTLED = 3e-3  # share of points that change in the last round
@@ -32,8 +29,8 @@ LEAST_LAYER, LEAST_TAKEN = 12, 3  # points of a layer, and of those that it take
 GAIN = 0.05  # what a layer must bring for each point that changes sides, in units of misfit
 
 
-def candidates_near(frames: Frames, labels: IntArray, P: int, radius: float) -> NDArray[np.bool_]:
-    """(M, P) bodies with a point that near in the same frame, the point's own among them."""
+def candidates_near(frames: Frames, labels: Int[Array, " M"], P: int, radius: float) -> Bool[Array, "M P"]:
+    """Bodies with a point that near in the same frame, the point's own among them."""
     out = np.isfinite(part_distances(frames, labels, P, radius))
     out[np.arange(len(labels)), labels] = True
     return out
@@ -59,8 +56,8 @@ def relabel(frames: Frames, bodies: Bodies, rounds: int = ROUNDS, told: Told = u
     return bodies
 
 
-def costs(frames: Frames, bodies: Bodies, candidates: NDArray[np.bool_]) -> Array:
-    """(M, P) misfit of every point if it were each of its candidates' (M, P), inf elsewhere; 0 where it has but one."""
+def costs(frames: Frames, bodies: Bodies, candidates: Bool[Array, "M P"]) -> Float[Array, "M P"]:
+    """Misfit of every point if it were each of its candidates', inf elsewhere; 0 where it has but one."""
     out = np.where(candidates, 0.0, np.inf)
     asked = candidates & doubtful(candidates)[:, None]
 
@@ -74,21 +71,21 @@ def costs(frames: Frames, bodies: Bodies, candidates: NDArray[np.bool_]) -> Arra
 
 @dataclass
 class Ownership:
-    """Labels (M,), normals (M, 3) in the points' frames and misfits now (M,), while layers change sides."""
+    """Labels, normals in the points' frames and misfits now, while layers change sides."""
 
     frames: Frames
     bodies: Bodies
-    labels: IntArray
-    normals: Array
-    now: Array
+    labels: Int[Array, " M"]
+    normals: Float[Array, "M 3"]
+    now: Float[Array, " M"]
     borders: Borders
 
-    def as_if(self, p: int, rows: IntArray) -> Body:
+    def as_if(self, p: int | np.integer, rows: Int[Array, " n"]) -> Body:
         """These points as body p."""
         return carried(self.frames, rows, self.bodies[p].T, self.normals)
 
-    def give(self, p: int, members: IntArray, normals: Array, least: float) -> bool:
-        """Give these points, with new normals (n, 3), to body p if that lowers the cost by `least` at least."""
+    def give(self, p: int, members: Int[Array, " n"], normals: Float[Array, "n 3"], least: float) -> bool:
+        """Give these points, with new normals, to body p if that lowers the cost by `least` at least."""
         labels, old = self.labels.copy(), self.normals[members]
         labels[members], self.normals[members] = p, normals
         change = self.borders.between(labels) - self.borders.between(self.labels)
@@ -112,8 +109,8 @@ class Ownership:
         return True
 
 
-def _in_box(z: Array, spot: Array, reach: float) -> IntArray:
-    """Points of z (n, 3) in the box around those of spot (m, 3)."""
+def _in_box(z: Float[Array, "n 3"], spot: Float[Array, "m 3"], reach: float) -> Int[Array, " k"]:
+    """Points of z in the box around those of spot."""
     return np.flatnonzero(((z > spot.min(axis=0) - reach) & (z < spot.max(axis=0) + reach)).all(axis=1))
 
 
@@ -148,9 +145,9 @@ def exchange(frames: Frames, bodies: Bodies, tried: Bodies = (), told: Told = un
 
 
 def _layers(
-    frames: Frames, state: Ownership, p: int, near: NDArray[np.bool_]
-) -> tuple[IntArray, Array, IntArray, Array]:
-    """The points (n,) near body p that its motion explains, their misfits, layers and normals in their frames."""
+    frames: Frames, state: Ownership, p: int, near: Bool[Array, " M"]
+) -> tuple[Int[Array, " n"], Float[Array, " n"], Int[Array, " n"], Float[Array, "n 3"]]:
+    """The points near body p that its motion explains, their misfits, layers and normals in their frames."""
     rows = np.flatnonzero(near | (state.labels == p))
     anyone = state.as_if(p, rows)
     fits = own_misfits(anyone, frames.noise)

@@ -8,14 +8,14 @@ frame hides has no say: hidden patches go where their neighbours go.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Bool, Float, Int
 from rearticulate.config import FitConfig
 from rearticulate.geometry.nearest import farthest_points, nearest, search_tree
 from rearticulate.geometry.robust import geman_mcclure
@@ -24,9 +24,6 @@ from rearticulate.observe.frames import Frames
 from rearticulate.observe.register import match, normal_equations
 from rearticulate.observe.views import HIDDEN
 from rearticulate.parts.matched_starts import MatchedStarts
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 DAMPING = np.diag([0.035] * 3 + [1e-4] * 3)
 POINTS_PER_NODE = 12.8
@@ -50,21 +47,20 @@ GAIN = 0.02  # spacings; a start is taken if it lowers that distance by this (st
 class Patches:
     """Rigid patches of the canonical cloud, that of frame `canonical`.
 
-    points, normals (N, 3): the canonical cloud. owner (N,): patch of each point. member, patch (m,): the overlapping
-    membership list. weight (m,): one over the patch's size. edge_i, edge_j (E,): neighbouring patches, joined at
-    anchors (E, 4, 3).
+    points, normals: the canonical cloud. owner: patch of each point. member, patch: the overlapping membership list.
+    weight: one over the patch's size. edge_i, edge_j: neighbouring patches, joined at anchors.
     """
 
     canonical: int
-    points: Array
-    normals: Array
-    owner: IntArray
-    member: IntArray
-    patch: IntArray
-    weight: Array
-    edge_i: IntArray
-    edge_j: IntArray
-    anchors: Array
+    points: Float[Array, "N 3"]
+    normals: Float[Array, "N 3"]
+    owner: Int[Array, " N"]
+    member: Int[Array, " m"]
+    patch: Int[Array, " m"]
+    weight: Float[Array, " m"]
+    edge_i: Int[Array, " E"]
+    edge_j: Int[Array, " E"]
+    anchors: Float[Array, "E 4 3"]
 
     @property
     def count(self) -> int:
@@ -73,13 +69,13 @@ class Patches:
 
 @dataclass(frozen=True)
 class Tracks:
-    """T_frame_patch (F, K, 4, 4) of every patch in every frame; identity at the canonical frame."""
+    """T_frame_patch of every patch in every frame; identity at the canonical frame."""
 
     patches: Patches
-    T: Array
+    T: Float[Array, "F K 4 4"]
 
 
-def make_patches(points: Array, normals: Array, canonical: int = 0) -> Patches:
+def make_patches(points: Float[Array, "N 3"], normals: Float[Array, "N 3"], canonical: int = 0) -> Patches:
     """Patches around farthest-point nodes; every point belongs to at least one."""
     count = int(np.clip(len(points) / POINTS_PER_NODE, MIN_NODES, MAX_NODES))
     nodes = points[farthest_points(points, min(count, len(points) // 4))]
@@ -185,8 +181,8 @@ def conjugate_gradient(H, H_inv, off, edge_i, edge_j, b, iterations, tolerance):
     return x
 
 
-def _hidden(frames: Frames, f: int, y: Array, d: Array) -> NDArray[np.bool_]:
-    """(n,) the places y (n, 3), at distances d (n,) from the points of frame f, that its sensors cannot see."""
+def _hidden(frames: Frames, f: int, y: Float[Array, "n 3"], d: Float[Array, " n"]) -> Bool[Array, " n"]:
+    """The places y, at distances d from the points of frame f, that its sensors cannot see."""
     out = np.zeros(len(y), dtype=bool)
     if frames.views is not None:
         far = np.flatnonzero(d > EXPLAINED)
@@ -194,7 +190,9 @@ def _hidden(frames: Frames, f: int, y: Array, d: Array) -> NDArray[np.bool_]:
     return out
 
 
-def _match_forward(frames: Frames, patches: Patches, f: int, T: Array, sigma: float):
+def _match_forward(
+    frames: Frames, patches: Patches, f: int, T: Float[Array, "K 4 4"], sigma: float
+) -> tuple[Float[Array, "K 6 6"], Float[Array, "K 6"]]:
     """Normal equations of patch points to the nearest points of frame f, but of those that it hides."""
     y = transform_by(T, patches.patch, patches.points[patches.member])
     ny = rotate_by(T, patches.patch, patches.normals[patches.member])
@@ -204,7 +202,9 @@ def _match_forward(frames: Frames, patches: Patches, f: int, T: Array, sigma: fl
     return normal_equations(y, z, nz, w, POINT_SHARE * w, patches.patch, patches.count)
 
 
-def _match_backward(frames: Frames, patches: Patches, f: int, T: Array, sigma: float):
+def _match_backward(
+    frames: Frames, patches: Patches, f: int, T: Float[Array, "K 4 4"], sigma: float
+) -> tuple[Float[Array, "K 6 6"], Float[Array, "K 6"]]:
     """Normal equations of the points of frame f to their nearest patch points: what is observed must be explained,
     unless the canonical frame hides it."""
     tree, target_normals = frames.trees[f], frames.normals[frames.rows(f)]
@@ -217,18 +217,30 @@ def _match_backward(frames: Frames, patches: Patches, f: int, T: Array, sigma: f
     return normal_equations(y[j], tree.data, target_normals, w, 0.5 * w, patches.owner[j], patches.count)
 
 
-def _newly_seen(frames: Frames, patches: Patches, T: Array, z: Array, d: Array, j: IntArray) -> NDArray[np.bool_]:
-    """(n,) the observed points z (n, 3), at distances d (n,) from patch points j (n,), that the canonical frame hides
-    where these patches bring them to it."""
+def _newly_seen(
+    frames: Frames,
+    patches: Patches,
+    T: Float[Array, "K 4 4"],
+    z: Float[Array, "n 3"],
+    d: Float[Array, " n"],
+    j: Int[Array, " n"],
+) -> Bool[Array, " n"]:
+    """The observed points z, at distances d from patch points j, that the canonical frame hides where these patches
+    bring them to it."""
     if frames.views is None:
         return np.zeros(len(z), dtype=bool)
     return _hidden(frames, patches.canonical, transform_by(inverse(T), patches.owner[j], z), d)
 
 
 def register_patches(
-    frames: Frames, patches: Patches, f: int, T: Array, edge_weight: Array, capture_range: float
-) -> tuple[Array, Array]:
-    """Gauss-Newton from T (K, 4, 4) onto frame f. Returns T and the squared gap (E,) of each edge.
+    frames: Frames,
+    patches: Patches,
+    f: int,
+    T: Float[Array, "K 4 4"],
+    edge_weight: Float[Array, " E"],
+    capture_range: float,
+) -> tuple[Float[Array, "K 4 4"], Float[Array, " E"]]:
+    """Gauss-Newton from T onto frame f. Returns T and the squared gap of each edge.
 
     capture_range: robust scale of a correspondence in the first iteration, in spacings.
     """
@@ -249,7 +261,7 @@ def register_patches(
     return T, gap
 
 
-def _two_sided_cost(frames: Frames, patches: Patches, T: Array, f: int) -> float:
+def _two_sided_cost(frames: Frames, patches: Patches, T: Float[Array, "K 4 4"], f: int) -> float:
     y = transform_by(T, patches.owner, patches.points)
     tree = frames.trees[f]
     there, (back, j) = nearest(tree, y)[0], nearest(search_tree(y), tree.data)
@@ -259,8 +271,14 @@ def _two_sided_cost(frames: Frames, patches: Patches, T: Array, f: int) -> float
 
 
 def _register_from_starts(
-    frames, patches, f, starts, edge_weight, usual_cost, capture_range
-) -> tuple[Array, Array, float]:
+    frames: Frames,
+    patches: Patches,
+    f: int,
+    starts: Sequence[Callable[[], Float[Array, "K 4 4"]]],
+    edge_weight: Float[Array, " E"],
+    usual_cost: float,
+    capture_range: float,
+) -> tuple[Float[Array, "K 4 4"], Float[Array, " E"], float]:
     """Start from starts[0]; when the result is unusually bad, also from the others and with twice the capture range.
 
     starts: functions that make them, for the later ones take time.
@@ -291,7 +309,7 @@ def track_patches(frames: Frames, canonical: int, config: FitConfig, progress=la
         previous = T[canonical]
         velocity = None if first_step is None else inverse(first_step)
         for f in range(canonical + direction, F if direction > 0 else -1, direction):
-            starts: list[Callable[[], Array]] = [lambda T=previous: T]
+            starts: list[Callable[[], Float[Array, "K 4 4"]]] = [lambda T=previous: T]
             if velocity is not None:
                 starts.insert(0, lambda T=velocity @ previous: T)
             if config.uses("network") and matched.possible(f - direction, f):

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import exp_se3, transform, transform_by
 from rearticulate.observe.frames import Frames
@@ -14,37 +14,36 @@ from rearticulate.observe.fused import fuse, fused_equations
 from rearticulate.observe.register import CONVERGED, Schedule, register_bodies, solve_twists
 from rearticulate.progress import Told, untold
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
-
 
 @dataclass(frozen=True)
 class Relaxed:
-    """T (F, P, 4, 4): T_frame_canonical of each part, identity at the canonical frame. labels (M,): part of a point.
+    """T: T_frame_canonical of each part, identity at the canonical frame. labels: part of a point.
 
     found: how many parts `relax` saw at first, those included that were too many to be worked with.
     """
 
-    T: Array
-    labels: IntArray
+    T: Float[Array, "F P 4 4"]
+    labels: Int[Array, " M"]
     found: int = 0
 
     @property
     def n_parts(self) -> int:
         return self.T.shape[1]
 
-    def counts(self) -> Array:
-        """(P,) mean number of points a frame."""
+    def counts(self) -> Float[Array, " P"]:
+        """Mean number of points a frame."""
         return np.bincount(self.labels, minlength=self.n_parts) / len(self.T)
 
-    def moved_points(self, frames: Frames, canonical: int) -> Array:
-        """(F, N, 3) canonical points moved to every frame."""
+    def moved_points(self, frames: Frames, canonical: int) -> Float[Array, "F N 3"]:
+        """Canonical points moved to every frame."""
         rows = frames.rows(canonical)
         return transform(self.T[:, self.labels[rows]], frames.points[rows])
 
 
-def spread_labels(frames: Frames, canonical: int, T: Array, labels: IntArray) -> IntArray:
-    """Labels (N,) of the canonical points -> labels (M,) of all points, by the nearest moved canonical point."""
+def spread_labels(
+    frames: Frames, canonical: int, T: Float[Array, "F P 4 4"], labels: Int[Array, " N"]
+) -> Int[Array, " M"]:
+    """Labels of the canonical points -> labels of all points, by the nearest moved canonical point."""
     rows = frames.rows(canonical)
     out = np.empty(len(frames.points), dtype=np.int64)
     for f in range(frames.n_frames):
@@ -54,7 +53,7 @@ def spread_labels(frames: Frames, canonical: int, T: Array, labels: IntArray) ->
     return out
 
 
-def keep_parts(frames: Frames, model: Relaxed, keep: IntArray) -> Relaxed:
+def keep_parts(frames: Frames, model: Relaxed, keep: Int[Array, " K"]) -> Relaxed:
     """Only these parts, renumbered; points of the others go to the part of the nearest kept point of their frame."""
     number = np.full(model.n_parts, -1)
     number[keep] = np.arange(len(keep))
@@ -71,7 +70,9 @@ def keep_parts(frames: Frames, model: Relaxed, keep: IntArray) -> Relaxed:
     return Relaxed(model.T[:, keep], labels)
 
 
-def merge_pair(frames: Frames, model: Relaxed, a: int, b: int, counts: Array | IntArray) -> Relaxed:
+def merge_pair(
+    frames: Frames, model: Relaxed, a: int, b: int, counts: Float[Array, " P"] | Int[Array, " P"]
+) -> Relaxed:
     """Make parts a and b one, with the motion of the one that has more of the points, counts (P,)."""
     keep, lose = sorted((a, b), key=lambda p: -counts[p])
     labels = np.where(model.labels == lose, keep, model.labels)

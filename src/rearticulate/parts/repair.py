@@ -7,8 +7,8 @@ no other part explains stay unexplained. The second term keeps a small part from
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.geometry.nearest import contact, nearest, search_tree
 from rearticulate.geometry.se3 import exp_se3, inverse, transform
 from rearticulate.observe.frames import Frames
@@ -16,9 +16,6 @@ from rearticulate.observe.register import Schedule
 from rearticulate.parts.relaxed import Relaxed
 from rearticulate.parts.trial import Trials, flatten, mean_by, shared_border
 from rearticulate.progress import Told, untold
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 RESTART_SCHEDULE = Schedule(iterations=6, sigma=2.2, sigma_end=0.56)
 SUBSET = 150  # points of a part that take part in a restart (`parts.trial.Trials.subset`)
@@ -35,24 +32,24 @@ PIVOT_STEP_DEG = 12.5
 PIVOT_KEEP = 3  # of these turns are registered
 
 
-def rotation_ball(radius: float, step: float) -> Array:
-    """(R, 3, 3) rotations on a cubic grid of rotation vectors within the radius, rad."""
+def rotation_ball(radius: float, step: float) -> Float[Array, "R 3 3"]:
+    """Rotations on a cubic grid of rotation vectors within the radius, rad."""
     n = int(radius / step)
     grid = np.stack(np.meshgrid(*[np.arange(-n, n + 1) * step] * 3, indexing="ij"), -1).reshape(-1, 3)
     grid = grid[np.linalg.norm(grid, axis=1) <= radius]
     return exp_se3(np.concatenate([grid, np.zeros_like(grid)], 1))[:, :3, :3]
 
 
-def about(R: Array, pivot: Array) -> Array:
-    """(R, 4, 4) rotations R (R, 3, 3) about a point (3,)."""
+def about(R: Float[Array, "R 3 3"], pivot: Float[Array, " 3"]) -> Float[Array, "R 4 4"]:
+    """Rotations R about a point."""
     T = np.tile(np.eye(4), (len(R), 1, 1))
     T[:, :3, :3] = R
     T[:, :3, 3] = pivot - R @ pivot
     return T
 
 
-def border_neighbours(near: IntArray, labels: IntArray, P: int, n: int) -> list[list[int]]:
-    """For every part the n parts that share most of its border. near (N, K): neighbours of every point."""
+def border_neighbours(near: Int[Array, "N K"], labels: Int[Array, " N"], P: int, n: int) -> list[list[int]]:
+    """For every part the n parts that share most of its border. near: neighbours of every point."""
     shared = shared_border(near, labels, P)
     np.fill_diagonal(shared, 0)
     return [[int(b) for b in np.argsort(-shared[p], kind="stable")[:n] if shared[p, b] > 0] for p in range(P)]
@@ -75,11 +72,11 @@ class Repairer:
         self.neighbours_of_canonical = (canonical - 1, canonical + 1)
         self.ball = rotation_ball(np.deg2rad(PIVOT_RADIUS_DEG), np.deg2rad(PIVOT_STEP_DEG))
 
-    def _contact(self, a: int, b: int, n: int = 10) -> Array:
+    def _contact(self, a: int, b: int, n: int = 10) -> Float[Array, " 3"]:
         xa, xb = self.trials.x[self.labels == a], self.trials.x[self.labels == b]
         return contact(xa, xb, n)
 
-    def unexplained(self, f: int) -> dict[int, Array]:
+    def unexplained(self, f: int) -> dict[int, Float[Array, "_ 3"]]:
         """Per part the points of frame f that no other part reaches."""
         y = transform(self.T[f, self.labels], self.trials.x)
         target = self.frames.points[self.frames.rows(f)]
@@ -93,8 +90,8 @@ class Repairer:
             out[p] = u[:: max(1, len(u) // MAX_UNEXPLAINED)]
         return out
 
-    def backward(self, p: int, T: Array, points: Array) -> Array:
-        """(S,) capped distances of unexplained points to part p under poses T (S, 4, 4), summed, per part point."""
+    def backward(self, p: int, T: Float[Array, "S 4 4"], points: Float[Array, "n 3"]) -> Float[Array, " S"]:
+        """Capped distances of unexplained points to part p under poses T, summed, per part point."""
         if len(points) == 0:
             return np.zeros(len(T))
         tree = search_tree(self.trials.x[self.labels == p])
@@ -102,7 +99,7 @@ class Repairer:
         d = nearest(tree, back.reshape(-1, 3), within=REACH)[0].reshape(len(T), -1)
         return np.minimum(d, REACH).sum(axis=1) * BACKWARD_WEIGHT / max(tree.n, 20)
 
-    def starts(self, f: int, u: int, p: int) -> list[Array]:
+    def starts(self, f: int, u: int, p: int) -> list[Float[Array, "4 4"]]:
         """Own pose, velocity, what the neighbours do. u: the frame before f, seen outwards."""
         T, before = self.T, 2 * u - f
         out = [T[f, p]]
@@ -110,9 +107,9 @@ class Repairer:
             out.append(T[u, p] @ inverse(T[before, p]) @ T[u, p])
         return out + [T[f, b] @ inverse(T[u, b]) @ T[u, p] for b in self.near[p]]
 
-    def turned(self, f: int, u: int, p: int, unexplained: Array) -> list[Array]:
+    def turned(self, f: int, u: int, p: int, unexplained: Float[Array, "n 3"]) -> list[Float[Array, "4 4"]]:
         """The best few poses among all turns about the contact with a neighbour."""
-        out: list[Array] = []
+        out: list[Float[Array, "4 4"]] = []
         for b in self.near[p]:
             carried = self.T[f, b] @ inverse(self.T[u, b]) @ self.T[u, p]
             poses = carried @ about(self.ball, self.pivots[p, b])
@@ -123,7 +120,7 @@ class Repairer:
             out += list(poses[short[np.argsort(cost, kind="stable")[:PIVOT_KEEP]]])
         return out
 
-    def suspicious(self, f: int, unexplained: dict[int, Array]) -> list[int]:
+    def suspicious(self, f: int, unexplained: dict[int, Float[Array, "_ 3"]]) -> list[int]:
         """Parts whose misfit in frame f is well above what they reach in their better frames."""
         out = []
         for p in self.parts:

@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Bool, Float, Int
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import inverse, transform_by
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import apart
 from rearticulate.observe.planes import draw_pair, first_state
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 IMPOSSIBLE = 1e3  # evidence against a part that is no candidate
 RADIUS = 2.6  # spacings; neighbours within this are tested for a sheet
@@ -32,8 +29,8 @@ def sheet_thickness(noise: float) -> float:
     return float(np.sqrt(THICKNESS**2 + max(noise**2 - SAMPLING_NOISE**2, 0.0)))
 
 
-def part_distances(frames: Frames, labels: IntArray, P: int, radius: float) -> Array:
-    """(M, P) distance to the nearest member of each part in the same frame; inf beyond the radius."""
+def part_distances(frames: Frames, labels: Int[Array, " M"], P: int, radius: float) -> Float[Array, "M P"]:
+    """Distance to the nearest member of each part in the same frame; inf beyond the radius."""
     out = np.full((len(labels), P), np.inf)
     for f in range(frames.n_frames):
         rows, tree = frames.rows(f), frames.trees[f]
@@ -45,8 +42,8 @@ def part_distances(frames: Frames, labels: IntArray, P: int, radius: float) -> A
     return out
 
 
-def doubtful(candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(M,) points with more than one candidate."""
+def doubtful(candidates: Bool[Array, "M P"]) -> Bool[Array, " M"]:
+    """Points with more than one candidate."""
     return candidates.sum(axis=1) > 1
 
 
@@ -92,8 +89,10 @@ def _sheet_support(x, y, start, neighbour, thickness, curvature, tries):
     return out
 
 
-def sheet_evidence(frames: Frames, T: Array, candidates: NDArray[np.bool_], thickness: float = THICKNESS) -> Array:
-    """(M, P) minus the support of the sheet through a point under each candidate part; IMPOSSIBLE elsewhere.
+def sheet_evidence(
+    frames: Frames, T: Float[Array, "F P 4 4"], candidates: Bool[Array, "M P"], thickness: float = THICKNESS
+) -> Float[Array, "M P"]:
+    """Minus the support of the sheet through a point under each candidate part; IMPOSSIBLE elsewhere.
 
     thickness: of a sheet, in spacings.
     """

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import rotate_by, transform_by
 from rearticulate.observe.frames import Frames
@@ -13,8 +13,6 @@ from rearticulate.parts.cluster import adjacent_labels
 from rearticulate.parts.relaxed import Relaxed, keep_parts
 from rearticulate.progress import Told, rounds, steps, untold
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 Pair = tuple[int, int]
 
 BODY_SCHEDULE = Schedule(iterations=8, sigma=2.2, sigma_end=0.56)
@@ -34,25 +32,36 @@ class Trials:
         self.near = frames.neighbours[rows] - rows.start
         self.others = [f for f in range(frames.n_frames) if f != canonical]
 
-    def subset(self, labels: IntArray, part: int, size: int) -> IntArray:
+    def subset(self, labels: Int[Array, " N"], part: int, size: int) -> Int[Array, " n"]:
         """At most `size` points of a part; more of a sequence of fewer than ten frames, for the same evidence."""
         rows = np.flatnonzero(labels == part)
         size = max(size, 9 * size // len(self.others))
         return rows if len(rows) <= size else self.rng.choice(rows, size, replace=False)
 
-    def cost(self, f: int, point: IntArray, body: IntArray, T: Array) -> Array:
-        """(n,) misfit in frame f of canonical points `point` carried by T[body]."""
+    def cost(
+        self, f: int, point: Int[Array, " n"], body: Int[Array, " n"], T: Float[Array, "B 4 4"]
+    ) -> Float[Array, " n"]:
+        """Misfit in frame f of canonical points `point` carried by T[body]."""
         y, ny = transform_by(T, body, self.x[point]), rotate_by(T, body, self.nx[point])
         return fit_cost(self.frames.trees[f], self.frames.normals[self.frames.rows(f)], y, ny)
 
-    def register(self, f: int, point: IntArray, body: IntArray, T: Array, schedule: Schedule) -> tuple[Array, Array]:
-        """Registered poses (B, 4, 4) and the misfit (n,) of every point under them."""
+    def register(
+        self, f: int, point: Int[Array, " n"], body: Int[Array, " n"], T: Float[Array, "B 4 4"], schedule: Schedule
+    ) -> tuple[Float[Array, "B 4 4"], Float[Array, " n"]]:
+        """Registered poses and the misfit of every point under them."""
         normals = self.frames.normals[self.frames.rows(f)]
         T = register_bodies(self.frames.trees[f], normals, self.x[point], self.nx[point], body, T, schedule)
         return T, self.cost(f, point, body, T)
 
-    def seen(self, f: int, point: IntArray, body: IntArray, T: Array, cost: Array) -> Array:
-        """(n,) these misfits, nan where frame f cannot tell: it has nothing there and sees no further."""
+    def seen(
+        self,
+        f: int,
+        point: Int[Array, " n"],
+        body: Int[Array, " n"],
+        T: Float[Array, "B 4 4"],
+        cost: Float[Array, " n"],
+    ) -> Float[Array, " n"]:
+        """These misfits, nan where frame f cannot tell: it has nothing there and sees no further."""
         if self.frames.views is None:
             return cost
         far = np.flatnonzero(cost > UNCONFIRMED)
@@ -62,18 +71,20 @@ class Trials:
         return out
 
 
-def mean_by(body: IntArray, value: Array, n: int) -> Array:
+def mean_by(body: Int[Array, " n"], value: Float[Array, " n"], n: int) -> Float[Array, " B"]:
     return np.bincount(body, value, minlength=n) / np.maximum(np.bincount(body, minlength=n), 1)
 
 
-def flatten(sets: list[IntArray]) -> tuple[IntArray, IntArray]:
+def flatten(sets: list[Int[Array, " _"]]) -> tuple[Int[Array, " n"], Int[Array, " n"]]:
     """Concatenated members and the number of the set each belongs to."""
     return np.concatenate(sets), np.repeat(np.arange(len(sets)), [len(s) for s in sets])
 
 
-def own_cost(trials: Trials, T: Array, parts: list[int], subsets: dict[int, IntArray]) -> dict[int, Array]:
-    """(F - 1, n) misfit of the subset of each part in the other frames, now or after registration by itself; nan where
-    a frame cannot tell."""
+def own_cost(
+    trials: Trials, T: Float[Array, "F P 4 4"], parts: list[int], subsets: dict[int, Int[Array, " _"]]
+) -> dict[int, Float[Array, "F-1 _"]]:
+    """Misfit of the subset of each part in the other frames, now or after registration by itself; nan where a frame
+    cannot tell."""
     point, body = flatten([subsets[p] for p in parts])
     out, P = np.empty((len(trials.others), len(point))), len(parts)
     for i, f in enumerate(trials.others):
@@ -87,14 +98,14 @@ def own_cost(trials: Trials, T: Array, parts: list[int], subsets: dict[int, IntA
 
 def try_pairs(
     trials: Trials,
-    T: Array,
+    T: Float[Array, "F P 4 4"],
     pairs: list[Pair],
-    subsets: dict[int, IntArray],
-    own: dict[int, Array],
+    subsets: dict[int, Int[Array, " _"]],
+    own: dict[int, Float[Array, "F-1 _"]],
     told: Told = untold,
-) -> dict[Pair, tuple[float, Array]]:
-    """Score and common motion (F, 4, 4) of every pair: growth of the misfit when one body carries both,
-    as far as the frames tell of both.
+) -> dict[Pair, tuple[float, Float[Array, "F 4 4"]]]:
+    """Score and common motion of every pair: growth of the misfit when one body carries both, as far as the frames tell
+    of both.
 
     The score is the larger growth of the two parts (mean over the frames, or half the mean of the worst quarter),
     less the sampling error of that mean and an allowance for parts so small that they overfit.
@@ -131,7 +142,7 @@ def try_pairs(
     return out
 
 
-def _candidates(trials: Trials, labels: IntArray, parts: list[int], gap: float) -> set[Pair]:
+def _candidates(trials: Trials, labels: Int[Array, " N"], parts: list[int], gap: float) -> set[Pair]:
     """Pairs of parts that touch in the neighbour graph or across a gap."""
     pairs = {e for e in adjacent_labels(trials.x, labels) if e[0] in parts and e[1] in parts}
     trees = {p: search_tree(trials.x[labels == p]) for p in parts}
@@ -142,8 +153,8 @@ def _candidates(trials: Trials, labels: IntArray, parts: list[int], gap: float) 
     return pairs
 
 
-def shared_border(near: IntArray, labels: IntArray, P: int) -> Array:
-    """(P, P) length of the border between parts, in points: neighbours near (N, K) of points of one that belong to the
+def shared_border(near: Int[Array, "N K"], labels: Int[Array, " N"], P: int) -> Float[Array, "P P"]:
+    """Length of the border between parts, in points: neighbours near (N, K) of points of one that belong to the
     other."""
     pairs = np.bincount(np.repeat(labels, near.shape[1]) * P + labels[near].ravel(), minlength=P * P).reshape(P, P)
     return (pairs + pairs.T) / (2 * near.shape[1])

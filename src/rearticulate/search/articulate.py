@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Int
 from rearticulate.config import FitConfig
 from rearticulate.joints.articulated import Articulated
 from rearticulate.joints.bundle import SIGMA, SIGMA_WIDE, adjust_to_poses, bundle_adjust, last_sigma
@@ -37,9 +37,6 @@ from rearticulate.progress import Told, steps, untold
 from rearticulate.search.explain import explain
 from rearticulate.search.moves.combine import combine_bodies
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
-
 HYPOTHESES = 2  # of the structure, at most
 FIRST_ROUNDS, MORE_ROUNDS = 2, 2  # of labels and motions, at most: from every start, and from the better one
 LAST_ROUNDS = 2  # of labels by own-part evidence and motions by all points
@@ -55,12 +52,12 @@ def articulate(
     config: FitConfig,
     rng: np.random.Generator,
     progress: Callable[[str, float], None],
-) -> tuple[Articulated, IntArray]:
+) -> tuple[Articulated, Int[Array, " M"]]:
     """Tree, bundle adjustment, labels and repairs in turn; then a new hypothesis of the structure, as long as that is
     another one and lowers the score. The one with the lowest score is kept. Where more parts were found than can be
     worked with, the first is the last: there is no structure to be found.
 
-    Returns the model and the labels (M,) of all points.
+    Returns the model and the labels of all points.
     """
     thickness = sheet_thickness(surface_noise(frames, canonical, relaxed.T, relaxed.labels))
     first, *tries, last = steps(lambda done: progress("articulate", done), HYPOTHESES + 2)
@@ -115,7 +112,7 @@ class Hypothesis:
     bodies: Bodies
 
     @cached_property
-    def labels(self) -> IntArray:
+    def labels(self) -> Int[Array, " M"]:
         """(M,) of all points."""
         return labels_of(self.bodies, sum(len(body) for body in self.bodies))
 
@@ -126,7 +123,7 @@ def same_structure(start: Projection, hypothesis: Hypothesis) -> bool:
     if len(start.hidden) or tree.n_parts != P:
         return False
     match = np.bincount(start.starts[0] * P + hypothesis.labels, minlength=P * P).reshape(P, P).argmax(axis=1)
-    return (
+    return bool(
         len(np.unique(match)) == P
         and match[0] == 0
         and np.array_equal(match[tree.parent[1:]], hypothesis.tree.parent[match[1:]])
@@ -175,7 +172,7 @@ def restart(
     return adjust_to_poses(tree, canonical, np.arange(tree.n_parts), T, now.H)[0]
 
 
-def best_of_both(frames: Frames, hypotheses: list[Hypothesis], hidden: IntArray) -> Hypothesis:
+def best_of_both(frames: Frames, hypotheses: list[Hypothesis], hidden: Int[Array, " h"]) -> Hypothesis:
     """The hypothesis with the lowest score, in which every hidden link and what hangs on it come from the one that
     explains their points best."""
     best = min(hypotheses, key=lambda k: score(frames, k.bodies))

@@ -9,27 +9,24 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Int
 from rearticulate.geometry.se3 import exp_se3, inverse, log_se3
 from rearticulate.joints.articulated import Articulated
 from rearticulate.joints.bundle import SIGMA, SIGMA_WIDE, bundle_adjust, last_sigma
 from rearticulate.observe.frames import Frames
 from rearticulate.parts.relaxed import spread_labels
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
-
 COMPLETE = 0.75  # share of the usual number of points that a complete frame has
 
 
-def complete_frames(counts: IntArray) -> IntArray:
-    """The frames (n,) with about as many points as the others; all of them when there are fewer than three."""
+def complete_frames(counts: Int[Array, " F"]) -> Int[Array, " n"]:
+    """The frames with about as many points as the others; all of them when there are fewer than three."""
     whole = np.flatnonzero(counts >= COMPLETE * np.median(counts))
     return whole if len(whole) >= 3 else np.arange(len(counts))
 
 
-def between(tree: Articulated, known: IntArray, F: int) -> Articulated:
+def between(tree: Articulated, known: Int[Array, " n"], F: int) -> Articulated:
     """Joint values and root poses of all F frames, linear between the known ones (constant beyond them)."""
     place = np.interp(np.arange(F), known, np.arange(len(known)))
     before = np.floor(place).astype(int)
@@ -41,9 +38,9 @@ def between(tree: Articulated, known: IntArray, F: int) -> Articulated:
 
 
 def fill_in(
-    frames: Frames, known: IntArray, canonical: int, tree: Articulated, labels: IntArray
-) -> tuple[Articulated, IntArray]:
-    """The model and the labels of all frames (M,), from those of the known frames. canonical: among all frames."""
+    frames: Frames, known: Int[Array, " n"], canonical: int, tree: Articulated, labels: Int[Array, " m"]
+) -> tuple[Articulated, Int[Array, " M"]]:
+    """The model and the labels of all frames, from those of the known frames. canonical: among all frames."""
     if len(known) == frames.n_frames:
         return tree, labels
     tree = between(tree, known, frames.n_frames)

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rearticulate.config import FitConfig
 from rearticulate.observe.frames import Frames
@@ -24,9 +23,6 @@ from rearticulate.parts.repair import repair_poses
 from rearticulate.parts.trial import trial_merge
 from rearticulate.progress import steps
 from rearticulate.search.explain import explain
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 WIDE = Schedule(iterations=8, sigma=1.5, sigma_end=0.56, point_share=0.05, max_distance=5.6)
 

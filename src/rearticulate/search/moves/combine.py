@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rearticulate.geometry.se3 import inverse
 from rearticulate.observe.body import Body, alike, doubt, growth, make_body
@@ -13,9 +12,6 @@ from rearticulate.observe.frames import Frames
 from rearticulate.parts.bodies import LEAST, Bodies, all_shares, labels_of, own_normals, price
 from rearticulate.parts.cuts import Borders, sheet_borders
 from rearticulate.parts.relaxed import Relaxed
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 
 def combine_bodies(frames: Frames, canonical: int, bodies: Bodies, others: Sequence[Relaxed]) -> Bodies:

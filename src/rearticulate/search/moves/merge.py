@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Bool, Float, Int
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
 from rearticulate.observe.body import Body, doubt, growth, join, make_body, register, shares
@@ -17,9 +17,6 @@ from rearticulate.parts.bodies import Bodies, border_between, fresh, labels_of, 
 from rearticulate.parts.cuts import Borders, sheet_borders
 from rearticulate.parts.ownership import candidates_near
 from rearticulate.progress import Told, rounds, untold
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 TOUCH = 4.0  # spacings; bodies that come this near, in any frame
 ALIKE = 2.0  # spacings; ... or whose points would be no farther away, on average, if they moved as the other does
@@ -36,9 +33,9 @@ class _Merging:
     canonical: int
     borders: Borders
     body: dict[int, Body]
-    shares: dict[int, Array]
+    shares: dict[int, Float[Array, "_ G"]]
     pair: dict[tuple[int, int], tuple[float, Body]]
-    possible: NDArray[np.bool_]
+    possible: Bool[Array, "P P"]
 
     def untested(self) -> Iterator[tuple[int, int]]:
         for a in self.body:
@@ -77,12 +74,12 @@ class _Merging:
         self.pair = {e: found for e, found in self.pair.items() if not {a, b} & set(e)}
 
 
-def _sample(first: int, n: int) -> IntArray:
+def _sample(first: int, n: int) -> Int[Array, " m"]:
     return np.arange(first, first + n, max(1, n // ASKED))
 
 
-def possible(frames: Frames, bodies: Bodies) -> NDArray[np.bool_]:
-    """(P, P) which bodies come near each other in any frame, or move nearly alike; a body that comes near none, and its
+def possible(frames: Frames, bodies: Bodies) -> Bool[Array, "P P"]:
+    """Which bodies come near each other in any frame, or move nearly alike; a body that comes near none, and its
     nearest."""
     P, labels = len(bodies), labels_of(bodies, len(frames.points))
     near = candidates_near(frames, labels, P, TOUCH)

@@ -8,16 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float, Int
 from rearticulate.geometry.nearest import farthest_points, nearest, search_tree
 from rearticulate.geometry.se3 import transform_by
 from rearticulate.observe.body import Body
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.register import Schedule, fit_cost, register_bodies
-
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 
 PER_REGION, REGIONS = 50, (4, 14)  # canonical points of a body for each region that is tried, and how many
 SHARE, SIZES = 0.2, (30, 120)  # of a body's canonical points in a region, and how many
@@ -27,16 +24,16 @@ SEEN = 8  # points of a frame of a body, at least
 
 @dataclass(frozen=True)
 class Proposal:
-    """Canonical points rows (n,) of a body, by their number in it, a motion T (F, 4, 4) of their own, and by how much
-    it lowers the misfit of one of them."""
+    """Canonical points rows (n,) of a body, by their number in it, a motion T of their own, and by how much it lowers
+    the misfit of one of them."""
 
-    rows: IntArray
-    T: Array
+    rows: Int[Array, " n"]
+    T: Float[Array, "F 4 4"]
     gain: float
 
 
-def regions_of(body: Body, canonical: int) -> IntArray:
-    """(R, n) canonical points of a body around places far from each other; none where it has too few."""
+def regions_of(body: Body, canonical: int) -> Int[Array, "R n"]:
+    """Canonical points of a body around places far from each other; none where it has too few."""
     here = np.flatnonzero(body.frame == canonical)
     if len(here) < 2 * SIZES[0]:
         return np.zeros((0, 0), dtype=np.int64)
@@ -45,8 +42,8 @@ def regions_of(body: Body, canonical: int) -> IntArray:
     return here[nearest(search_tree(body.z[here]), seeds, k=size)[1]]
 
 
-def registered(frames: Frames, canonical: int, body: Body, regions: IntArray) -> list[Proposal]:
-    """Every region (R, n) with the motion that registers it to the body's points of every frame."""
+def registered(frames: Frames, canonical: int, body: Body, regions: Int[Array, "R n"]) -> list[Proposal]:
+    """Every region with the motion that registers it to the body's points of every frame."""
     R, F = len(regions), frames.n_frames
     D, gain = np.tile(np.eye(4), (R, F, 1, 1)), np.zeros(R)
     points, owner = regions.ravel(), np.repeat(np.arange(R), regions.shape[1])

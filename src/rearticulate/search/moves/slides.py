@@ -8,13 +8,11 @@ that denies it less. The shift that is best so, along each of a few screws, is a
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float
 from rearticulate.geometry.se3 import exp_se3, inverse, log_se3, transform
 from rearticulate.observe.body import Body, denied, partners
 from rearticulate.observe.misfit import evidence_frames
-
-Array = NDArray[np.floating]
 
 FEW = 3  # frames that tell which screws are worth a try
 ASKED = 500  # points of a frame of a body
@@ -22,9 +20,9 @@ SEEN = 8  # points of a frame of a body, at least
 STEP, MOST = 0.7, 40  # spacings; steps to each side
 
 
-def screws(body: Body, other: Body | None) -> Array:
-    """Twists (k, 6) that move the body by about one spacing: along the principal directions of its normals, and as it
-    moves against another body."""
+def screws(body: Body, other: Body | None) -> Float[Array, "k 6"]:
+    """Twists that move the body by about one spacing: along the principal directions of its normals, and as it moves
+    against another body."""
     out = [np.r_[np.zeros(3), axis] for axis in np.linalg.eigh(body.normals.T @ body.normals)[1].T]
     if other is not None:
         against, centre = inverse(other.T) @ body.T, body.z.mean(axis=0)
@@ -35,8 +33,10 @@ def screws(body: Body, other: Body | None) -> Array:
     return np.stack(out)
 
 
-def slides(canonical: int, body: Body, noise: float, twists: Array, count: int, least: float) -> list[Array]:
-    """Second motions (F, 4, 4) along the `count` twists that promise most, at least `least` in misfit a frame."""
+def slides(
+    canonical: int, body: Body, noise: float, twists: Float[Array, "k 6"], count: int, least: float
+) -> list[Float[Array, "F 4 4"]]:
+    """Second motions along the `count` twists that promise most, at least `least` in misfit a frame."""
     shown = [f for f in range(len(body.T)) if np.count_nonzero(body.frame == f) >= SEEN]
     if canonical not in shown or len(shown) < 2:
         return []
@@ -57,9 +57,11 @@ def slides(canonical: int, body: Body, noise: float, twists: Array, count: int, 
     return out
 
 
-def _curve(canonical: int, body: Body, noise: float, sizes: Array, twist: Array, f: int) -> Array:
-    """(S,) what remains denied of the points of frame f and of the canonical one, each asked in the other, if each
-    takes the better of no shift and one of these, the middle one of which is none."""
+def _curve(
+    canonical: int, body: Body, noise: float, sizes: Float[Array, " S"], twist: Float[Array, " 6"], f: int
+) -> Float[Array, " S"]:
+    """What remains denied of the points of frame f and of the canonical one, each asked in the other, if each takes the
+    better of no shift and one of these, the middle one of which is none."""
     D = exp_se3(sizes[:, None] * twist)
     out = np.zeros(len(sizes))
     for here, there, shifts in ((canonical, f, D), (f, canonical, inverse(D))):

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from rearticulate.arrays import Array, Bool, Float, Int
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
 from rearticulate.observe.body import Body, denials, doubt, growth, make_body, misfits, register, shares, total
@@ -19,8 +19,6 @@ from rearticulate.parts.cuts import Borders, expand, sheet_borders
 from rearticulate.search.moves.regions import regions_of, registered
 from rearticulate.search.moves.slides import screws, slides
 
-Array = NDArray[np.floating]
-IntArray = NDArray[np.integer]
 Two = tuple[float, Body, Body]  # growth of misfit and borders with two bodies in place of one, and the two
 
 LEAST = 6  # points a frame of each of two bodies
@@ -87,7 +85,7 @@ def nothing(body: Body) -> Two:
     return np.inf, body, body
 
 
-def components(body: Body) -> IntArray:
+def components(body: Body) -> Int[Array, " n"]:
     """(n,) of the points, connected by short steps."""
     n = len(body)
     near = nearest(search_tree(body.z), body.z, k=min(NEIGHBOURS, n), within=LOOSE)[1].reshape(n, -1)
@@ -95,7 +93,7 @@ def components(body: Body) -> IntArray:
     return connected_components(coo_matrix((np.ones(len(i)), (i, near[i, k])), shape=(n, n)), directed=False)[1]
 
 
-def by_components(frames: Frames, canonical: int, body: Body, before: Array) -> Two:
+def by_components(frames: Frames, canonical: int, body: Body, before: Float[Array, "n G"]) -> Two:
     """The best split of what does not touch the rest of the body."""
     component = components(body)
     size, least = np.bincount(component), LEAST * frames.n_frames
@@ -110,7 +108,7 @@ def by_components(frames: Frames, canonical: int, body: Body, before: Array) -> 
     return best
 
 
-def by_regions(frames: Frames, canonical: int, body: Body, within: Borders, before: Array) -> list[Two]:
+def by_regions(frames: Frames, canonical: int, body: Body, within: Borders, before: Float[Array, "n G"]) -> list[Two]:
     """Splits that begin with a region that a motion of its own explains better. before: shares of the body."""
     tries = registered(frames, canonical, body, regions_of(body, canonical))
     out = []
@@ -121,10 +119,15 @@ def by_regions(frames: Frames, canonical: int, body: Body, within: Borders, befo
 
 
 def by_motions(
-    frames: Frames, canonical: int, body: Body, motions: list[Array], within: Borders, before: Array
+    frames: Frames,
+    canonical: int,
+    body: Body,
+    motions: list[Float[Array, "F 4 4"]],
+    within: Borders,
+    before: Float[Array, "n G"],
 ) -> list[Two]:
-    """Splits that begin with one of several second motions (F, 4, 4), for whatever is denied less so: whole sheets,
-    since their inner points may fit both ways."""
+    """Splits that begin with one of several second motions, for whatever is denied less so: whole sheets, since their
+    inner points may fit both ways."""
     if not motions:
         return []
     whole, out = stronger(within, WHOLE[0]), []
@@ -138,8 +141,8 @@ def by_motions(
     return out
 
 
-def both_ways(cost: Array, labels: IntArray, borders: Borders) -> IntArray:
-    """Labels (n,) of two after each has taken what it can."""
+def both_ways(cost: Float[Array, "n 2"], labels: Int[Array, " n"], borders: Borders) -> Int[Array, " n"]:
+    """Labels of two after each has taken what it can."""
     return expand(cost, expand(cost, labels, borders, 1), borders, 0)
 
 
@@ -151,11 +154,11 @@ def separate(
     frames: Frames,
     canonical: int,
     body: Body,
-    labels: IntArray,
-    T: Array,
+    labels: Int[Array, " n"],
+    T: Float[Array, "F 4 4"],
     within: Borders,
     strengths: tuple[float, ...],
-    before: Array,
+    before: Float[Array, "n G"],
 ) -> Two:
     """Two bodies in place of one: they begin with labels (n,), 1 for the second, which moves by T (F, 4, 4); then
     labels and motions of the two in turn, under borders of these strengths. within: borders in the body, by numbers of
@@ -185,7 +188,7 @@ def separate(
     return more(frames, before, labels == 1, two) + within.between(labels), two[0], two[1]
 
 
-def more(frames: Frames, before: Array, second: NDArray[np.bool_], two: Sequence[Body]) -> float:
+def more(frames: Frames, before: Float[Array, "n G"], second: Bool[Array, " n"], two: Sequence[Body]) -> float:
     """By how much the misfit grows, at most, when a body of shares before (n, G) becomes two, second (n,) of its points
     the other one."""
     sides = zip((~second, second), two, strict=True)

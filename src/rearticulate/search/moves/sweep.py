@@ -6,16 +6,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rearticulate.arrays import Array, Float
 from rearticulate.geometry.nearest import rms_radius
 from rearticulate.geometry.se3 import adjoint, exp_se3, inverse, rotate, transform
 from rearticulate.observe.body import Body, pair_equations, partners, register
 from rearticulate.observe.frames import Frames
 from rearticulate.parallel import each
 from rearticulate.parts.bodies import Bodies, fresh
-
-Array = NDArray[np.floating]
 
 WEAK = 0.04  # of the information of a pair; what is stronger is found by registration
 REACH = 0.5  # of the body's rms radius, to both sides
@@ -32,9 +30,8 @@ def sweep_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies =
     return tuple(each(lambda p: sweep(frames, canonical, bodies[p]) if new[p] else bodies[p], range(len(bodies))))
 
 
-def weak_directions(H: Array, z: Array) -> Array:
-    """(k, 6) twists that move the points z (n, 3) by about one spacing and of which the information H (6, 6) says
-    little."""
+def weak_directions(H: Float[Array, "6 6"], z: Float[Array, "n 3"]) -> Float[Array, "k 6"]:
+    """Twists that move the points z by about one spacing and of which the information H says little."""
     centre, radius = z.mean(axis=0), max(rms_radius(z), 1.0)
     shift = np.eye(4)
     shift[:3, 3] = centre
@@ -70,8 +67,8 @@ def sweep(frames: Frames, canonical: int, body: Body) -> Body:
     return register(frames, canonical, replace(body, T=T, z=z, normals=normals), SCALES) if moved else body
 
 
-def _misfit(here: Body, there: Body, D: Array, noise: float) -> float:
-    """Of the points of two frames to each other, one of them moved by D (4, 4)."""
+def _misfit(here: Body, there: Body, D: Float[Array, "4 4"], noise: float) -> float:
+    """Of the points of two frames to each other, one of them moved by D."""
     f, c = int(there.frame[0]), int(here.frame[0])
     forth = partners(transform(D, there.z), there.frame, here, noise, [c])[0]
     back = partners(transform(inverse(D), here.z), here.frame, there, noise, [f])[0]
