@@ -18,6 +18,7 @@ from rearticulate.parts.bodies import Bodies, fresh, own_normals, price
 from rearticulate.parts.cuts import Borders, expand, sheet_borders
 from rearticulate.search.moves.regions import regions_of, registered
 from rearticulate.search.moves.slides import screws, slides
+from rearticulate.search.moves.sweep import sweep
 
 Array = NDArray[np.floating]
 IntArray = NDArray[np.integer]
@@ -96,7 +97,7 @@ def components(body: Body) -> IntArray:
 
 
 def by_components(frames: Frames, canonical: int, body: Body, before: Array) -> Two:
-    """The best split of what does not touch the rest of the body."""
+    """The best split of what does not touch the rest of the body, and may turn in itself."""
     component = components(body)
     size, least = np.bincount(component), LEAST * frames.n_frames
     best = nothing(body)
@@ -105,6 +106,7 @@ def by_components(frames: Frames, canonical: int, body: Body, before: Array) -> 
         if min(size[q], len(body) - size[q]) >= least:
             halves = [make_body(frames, body.rows[side], body.T) for side in (~second, second)]
             two = [register(frames, canonical, half, APART) for half in halves]
+            two[1] = sweep(frames, canonical, two[1])
             cost = more(frames, before, second, two)
             best = min(best, (cost, two[0], two[1]), key=lambda found: found[0])
     return best
