@@ -18,6 +18,7 @@ from rearticulate.parts.bodies import Bodies, fresh, own_normals, price
 from rearticulate.parts.cuts import Borders, expand, sheet_borders
 from rearticulate.search.moves.regions import regions_of, registered
 from rearticulate.search.moves.slides import screws, slides
+from rearticulate.search.moves.sweep import sweep
 
 Two = tuple[float, Body, Body]  # growth of misfit and borders with two bodies in place of one, and the two
 
@@ -94,7 +95,7 @@ def components(body: Body) -> Int[Array, " n"]:
 
 
 def by_components(frames: Frames, canonical: int, body: Body, before: Float[Array, "n G"]) -> Two:
-    """The best split of what does not touch the rest of the body."""
+    """The best split of what does not touch the rest of the body, and may turn in itself."""
     component = components(body)
     size, least = np.bincount(component), LEAST * frames.n_frames
     best = nothing(body)
@@ -103,6 +104,7 @@ def by_components(frames: Frames, canonical: int, body: Body, before: Float[Arra
         if min(size[q], len(body) - size[q]) >= least:
             halves = [make_body(frames, body.rows[side], body.T) for side in (~second, second)]
             two = [register(frames, canonical, half, APART) for half in halves]
+            two[1] = sweep(frames, canonical, two[1])
             cost = more(frames, before, second, two)
             best = min(best, (cost, two[0], two[1]), key=lambda found: found[0])
     return best
