@@ -30,7 +30,7 @@ def explain(
         bodies = settled(frames, canonical, without_crumbs(frames, bodies), FINE)
         if config.uses("sweep"):
             bodies = sweep_bodies(frames, canonical, bodies, tried)
-        bodies = merge_bodies(frames, canonical, bodies, tried, merges, final=False)
+        bodies = merge_bodies(frames, canonical, bodies, tried, merges)
         new = explanation(frames, bodies)
         gain = -new.over(lowest)
         if gain > 0:

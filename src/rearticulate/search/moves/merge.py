@@ -27,8 +27,7 @@ HOPELESS = 4.0  # prices; growth of the score at a first look beyond which the p
 
 @dataclass
 class _Merging:
-    """Bodies by number while they are merged; their shares; growth of the score and the union of pairs. final: see
-    `merge_bodies`."""
+    """Bodies by number while they are merged; their shares; growth of the score and the union of pairs."""
 
     frames: Frames
     canonical: int
@@ -37,7 +36,6 @@ class _Merging:
     shares: dict[int, Float[Array, "_ G"]]
     pair: dict[tuple[int, int], tuple[float, Body]]
     possible: Bool[Array, "P P"]
-    final: bool
 
     def untested(self) -> Iterator[tuple[int, int]]:
         for a in self.body:
@@ -56,7 +54,7 @@ class _Merging:
             more_a = growth(self.shares[a][i], shares(self.frames, both, i)) * (len(A) / len(i))
             more_b = growth(self.shares[b][j - len(A)], shares(self.frames, both, j)) * (len(B) / len(j))
             grown = np.concatenate([more_a, more_b])
-            estimate = self.cost(grown, border)
+            estimate = float(grown.sum()) - doubt(grown) - border
             if estimate < least:
                 union, least = both, estimate
         if least > HOPELESS * price(self.frames):
@@ -64,11 +62,7 @@ class _Merging:
         union = register(self.frames, self.canonical, make_body(self.frames, np.sort(union.rows), union.T), FINE)
         before = np.concatenate([self.shares[a], self.shares[b]])[np.argsort(np.concatenate([A.rows, B.rows]))]
         grown = growth(before, shares(self.frames, union))
-        return self.cost(grown, border), union
-
-    def cost(self, grown: Float[Array, " n"], border: float) -> float:
-        """Growth of the score, at least, where a misfit grows so and a border goes."""
-        return float(grown.sum()) - border - (doubt(grown) if self.final else 0.0)
+        return float(grown.sum()) - doubt(grown) - border, union
 
     def merge(self, a: int, b: int) -> None:
         """The second becomes part of the first."""
@@ -102,17 +96,14 @@ def possible(frames: Frames, bodies: Bodies) -> Bool[Array, "P P"]:
     return out
 
 
-def merge_bodies(
-    frames: Frames, canonical: int, bodies: Bodies, tried: Bodies = (), told: Told = untold, final: bool = True
-) -> Bodies:
-    """Merge while the score falls, the pair that lowers it most first; one of the two was not tried. final: also where
-    the score rises within its doubt; before, bodies whose motions are still inexact would be lost."""
+def merge_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies = (), told: Told = untold) -> Bodies:
+    """Merge while the score falls, the pair that lowers it most first; one of the two was not tried."""
     new = fresh(bodies, tried)
     borders = sheet_borders(frames, own_normals(bodies, len(frames.points)))
     numbered = dict(enumerate(bodies))
     now = dict(enumerate(each(lambda body: shares(frames, body), bodies)))
     pairs = possible(frames, bodies) & np.logical_or.outer(new, new)
-    state = _Merging(frames, canonical, borders, numbered, now, {}, pairs, final)
+    state = _Merging(frames, canonical, borders, numbered, now, {}, pairs)
     for _ in rounds(told):
         pairs = list(state.untested())
         state.pair.update(zip(pairs, each(lambda pair: state.test(*pair), pairs), strict=True))
