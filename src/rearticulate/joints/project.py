@@ -41,7 +41,7 @@ SMALL_PART = 0.04  # share of the points below which a part may become a link of
 
 
 def part_gaps(
-    evidence: Evidence, P: int, rng: np.random.Generator, told: Told = untold, sample: int = 400
+    evidence: Evidence, P: int, rng: np.random.Generator, told: Told = untold, sample: int = 2000
 ) -> tuple[Float[Array, "P P"], Float[Array, "P P"]]:
     """Mean over the frames of the smallest distances between two parts (mean of three), and the same as far as what
     lies between them is not hidden."""
