@@ -38,7 +38,7 @@ def choose_root(frames: Frames, canonical: int, model: Relaxed) -> int:
     size = np.bincount(labels, minlength=model.n_parts)
     mean = np.bincount(labels, travel, minlength=model.n_parts) / np.maximum(size, 1)
     still = (size > 0) & (mean < STILL)
-    return int(np.where(still, model.counts(), -1).argmax() if still.any() else model.counts().argmax())
+    return int(np.where(still | ~still.any(), model.counts(), -1).argmax())
 
 
 def spanning_tree(cost: Float[Array, "P P"], root: int) -> tuple[Int[Array, " P"], Int[Array, " P"]]:

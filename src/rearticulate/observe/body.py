@@ -188,6 +188,11 @@ def doubt(grown: Float[Array, " n"]) -> float:
     return SURE * float(np.sqrt((grown * grown).sum()))
 
 
+def grown_with(grown: Float[Array, " n"], more: int) -> float:
+    """The sum of the growth of points where that comes with so many more bodies: in doubt, fewer are right."""
+    return float(grown.sum() + np.sign(more) * doubt(grown))
+
+
 def total(found: Float[Array, "n G"], frame: Int[Array, " n"], F: int) -> float:
     """Misfit of points of frames (n,), of F, from their `shares` (n, G): what a frame cannot tell of is denied."""
     own = frame[:, None] == np.array(evidence_frames(F, EVIDENCE_FRAMES))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rearticulate.geometry.se3 import inverse
-from rearticulate.observe.body import Body, alike, doubt, growth, make_body
+from rearticulate.observe.body import Body, alike, grown_with, growth, make_body
 from rearticulate.observe.frames import Frames
 from rearticulate.parts.bodies import LEAST, Bodies, all_shares, labels_of, own_normals, price
 from rearticulate.parts.cuts import Borders, sheet_borders
@@ -50,5 +50,5 @@ def _with(frames: Frames, bodies: Bodies, new: Body, borders: Borders) -> Bodies
     cost = borders.between(labels_of(after, M)) - borders.between(labels_of(bodies, M))
     cost += price(frames) * (len(after) - len(bodies))
     grown = growth(all_shares(frames, losers), all_shares(frames, [*rests, new]))
-    cost += float(grown.sum()) + np.sign(len(after) - len(bodies)) * doubt(grown)
+    cost += grown_with(grown, len(after) - len(bodies))
     return after if cost < 0 else bodies

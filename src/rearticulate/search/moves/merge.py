@@ -10,7 +10,7 @@ import numpy as np
 from rearticulate.arrays import Array, Bool, Float, Int
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
-from rearticulate.observe.body import Body, doubt, growth, join, make_body, register, shares
+from rearticulate.observe.body import Body, grown_with, growth, join, make_body, register, shares
 from rearticulate.observe.frames import Frames
 from rearticulate.parallel import each
 from rearticulate.parts.bodies import Bodies, border_between, fresh, labels_of, own_normals, price
@@ -54,7 +54,7 @@ class _Merging:
             more_a = growth(self.shares[a][i], shares(self.frames, both, i)) * (len(A) / len(i))
             more_b = growth(self.shares[b][j - len(A)], shares(self.frames, both, j)) * (len(B) / len(j))
             grown = np.concatenate([more_a, more_b])
-            estimate = float(grown.sum()) - doubt(grown) - border
+            estimate = grown_with(grown, -1) - border
             if estimate < least:
                 union, least = both, estimate
         if least > HOPELESS * price(self.frames):
@@ -62,7 +62,7 @@ class _Merging:
         union = register(self.frames, self.canonical, make_body(self.frames, np.sort(union.rows), union.T), FINE)
         before = np.concatenate([self.shares[a], self.shares[b]])[np.argsort(np.concatenate([A.rows, B.rows]))]
         grown = growth(before, shares(self.frames, union))
-        return float(grown.sum()) - doubt(grown) - border, union
+        return grown_with(grown, -1) - border, union
 
     def merge(self, a: int, b: int) -> None:
         """The second becomes part of the first."""
@@ -91,8 +91,9 @@ def possible(frames: Frames, bodies: Bodies) -> Bool[Array, "P P"]:
         out[a, b] = np.linalg.norm(here - there, axis=-1).mean() < ALIKE
     out = (out | out.T) & ~np.eye(P, dtype=bool)
     for a in np.flatnonzero(~out.any(axis=1)) if P > 1 else ():
-        far = [np.inf if b is bodies[a] else nearest(search_tree(b.z), bodies[a].z)[0].min() for b in bodies]
-        out[a, np.argmin(far)] = out[np.argmin(far), a] = True
+        far = [np.inf if body is bodies[a] else nearest(search_tree(body.z), bodies[a].z)[0].min() for body in bodies]
+        b = int(np.argmin(far))
+        out[a, b] = out[b, a] = True
     return out
 
 

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from rearticulate.arrays import Array, Bool, Float, Int
 from rearticulate.geometry.nearest import nearest, search_tree
 from rearticulate.geometry.se3 import transform
-from rearticulate.observe.body import Body, denials, doubt, growth, make_body, misfits, register, shares, total
+from rearticulate.observe.body import Body, denials, grown_with, growth, make_body, misfits, register, shares, total
 from rearticulate.observe.frames import Frames
 from rearticulate.parallel import each
 from rearticulate.parts.bodies import Bodies, fresh, own_normals, price
@@ -195,4 +195,4 @@ def more(frames: Frames, before: Float[Array, "n G"], second: Bool[Array, " n"],
     the other one."""
     sides = zip((~second, second), two, strict=True)
     grown = np.concatenate([growth(before[side], shares(frames, half)) for side, half in sides])
-    return float(grown.sum()) + doubt(grown)
+    return grown_with(grown, 1)
