@@ -77,17 +77,17 @@ def poses_of(bodies: Bodies) -> Poses:
     return Poses(poses(bodies), bodies_equations(bodies, INFORMATION_SIGMA)[0])
 
 
-def try_fixing(canonical: int, tree: Articulated, poses: Poses, j: int, k: int) -> FixedJoint:
+def try_fixing(canonical: int, tree: Articulated, reached: Poses, j: int, k: int) -> FixedJoint:
     """The tree without the joint between j and k, with the others adjusted to make up for it."""
     smaller, number = fix_joint(tree, j, k)
-    smaller, misfit = adjust_to_poses(smaller, canonical, number, poses.T, poses.H, sigma=WIDE)
-    points = points_behind(poses.H)
+    smaller, misfit = adjust_to_poses(smaller, canonical, number, reached.T, reached.H, sigma=WIDE)
+    points = points_behind(reached.H)
     few = min(points[:, j].sum(), points[:, k].sum())
     return FixedJoint(j, k, smaller, number, float(np.sqrt((misfit * points).sum() / (few + 1e-9))))
 
 
 def possible_fixes(
-    frames: Frames, canonical: int, tree: Articulated, labels: Int[Array, " M"], poses: Poses, told: Told = untold
+    frames: Frames, canonical: int, tree: Articulated, labels: Int[Array, " M"], reached: Poses, told: Told = untold
 ) -> list[FixedJoint]:
     """One for every joint, least misfit first: a part joins its parent, or a part that touches it and hangs on the same
     parent."""
@@ -97,7 +97,7 @@ def possible_fixes(
     pairs += [(b, a) for a, b in sorted(touching) if a > 0 and tree.parent[a] == tree.parent[b]]
     fixes = []
     for j, k in pairs:
-        fixes.append(try_fixing(canonical, tree, poses, j, k))
+        fixes.append(try_fixing(canonical, tree, reached, j, k))
         told(len(fixes) / len(pairs))
     return sorted(fixes, key=lambda fix: fix.misfit)
 

@@ -18,6 +18,7 @@ from rearticulate.observe.body import (
     Body,
     alike,
     carried,
+    grown_with,
     growth,
     make_body,
     own_misfits,
@@ -96,25 +97,29 @@ def price(frames: Frames) -> float:
 
 @dataclass(frozen=True)
 class Explanation:
-    """How well bodies explain the clouds. shares: of all points (`observe.body`); rest: cost of borders and of the
-    description of the bodies; score: twice minus the log-likelihood, with what frames cannot tell of as denied, and the
+    """How well so many bodies explain the clouds. shares: of all points (`observe.body`); rest: cost of borders and of
+    the description of the bodies; score: twice minus the log-likelihood, with what frames cannot tell of as denied, and the
     rest. Lower is better."""
 
     shares: Float[Array, "M G"]
     rest: float
     score: float
+    bodies: int
 
     def over(self, other: Explanation | None) -> float:
-        """By how much this score is the higher one, as far as the frames tell of both; minus infinity where there is no
-        other."""
-        return -np.inf if other is None else float(growth(other.shares, self.shares).sum()) + self.rest - other.rest
+        """By how much this score is the higher one, as far as the frames tell of both, at most where it has more
+        bodies, and at least where fewer; minus infinity where there is no other."""
+        if other is None:
+            return -np.inf
+        grown = grown_with(growth(other.shares, self.shares), self.bodies - other.bodies)
+        return grown + self.rest - other.rest
 
 
 def explanation(frames: Frames, bodies: Bodies) -> Explanation:
     M, found = len(frames.points), all_shares(frames, bodies)
     rest = sheet_borders(frames, own_normals(bodies, M)).between(labels_of(bodies, M))
     rest += price(frames) * (len(bodies) - 1)
-    return Explanation(found, rest, total(found, frames.frame, frames.n_frames) + rest)
+    return Explanation(found, rest, total(found, frames.frame, frames.n_frames) + rest, len(bodies))
 
 
 def score(frames: Frames, bodies: Bodies) -> float:
