@@ -98,8 +98,8 @@ def price(frames: Frames) -> float:
 @dataclass(frozen=True)
 class Explanation:
     """How well so many bodies explain the clouds. shares: of all points (`observe.body`); rest: cost of borders and of
-    the description of the bodies; score: twice minus the log-likelihood, with what frames cannot tell of as denied, and the
-    rest. Lower is better."""
+    the description of the bodies; score: twice minus the log-likelihood, with what frames cannot tell of as denied, and
+    the rest. Lower is better."""
 
     shares: Float[Array, "M G"]
     rest: float
