@@ -2,19 +2,9 @@
 
 from __future__ import annotations
 
-from typing import overload
-
 from rearticulate.arrays import Array, Float
 
 
-@overload
-def geman_mcclure(squared: float, sigma: float) -> float: ...
-@overload
-def geman_mcclure(
-    squared: Float[Array, "*#shape"], sigma: float | Float[Array, "*#shape"]
-) -> Float[Array, "*shape"]: ...
-def geman_mcclure(
-    squared: Float[Array, "*#shape"] | float, sigma: float | Float[Array, "*#shape"]
-) -> Float[Array, "*shape"] | float:
+def geman_mcclure(squared: Float[Array, "*#shape"], sigma: float | Float[Array, "*#shape"]) -> Float[Array, "*shape"]:
     """Weight of a residual with this square under the Geman-McClure kernel."""
     return 1.0 / (1.0 + squared / (sigma * sigma)) ** 2

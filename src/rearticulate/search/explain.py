@@ -22,7 +22,8 @@ def explain(
     """The bodies of the lowest score after a few turns. What was split must find its place in the next turn, and at the
     end any two are asked once more whether they are one. tried: bodies that need not be changed again."""
     best, lowest = bodies, None
-    for left, turn in zip(reversed(range(TURNS)), steps(told, TURNS), strict=True):
+    *turns, last = steps(told, TURNS + 1)
+    for left, turn in zip(reversed(range(TURNS)), turns, strict=True):
         points, layers, merges = steps(turn, 3)
         bodies = relabel(frames, settled(frames, canonical, bodies, ROUGH + FINE), told=points)
         if config.uses("exchange"):
@@ -42,4 +43,4 @@ def explain(
             lowest = None
         elif gain < WORTH * new.score:
             break
-    return merge_bodies(frames, canonical, best)
+    return merge_bodies(frames, canonical, best, told=last)

@@ -25,16 +25,26 @@ ROUGH, FINE = (0.8, 0.3), (0.4, 0.3)  # robust scales of the registration of bot
 HOPELESS = 4.0  # prices; growth of the score at a first look beyond which the pair is not looked at again
 
 
+@dataclass(frozen=True)
+class Union:
+    """Two bodies as one, by how much that raises misfit and borders, and its shares; those of some points alone where
+    that was enough to see that it is hopeless."""
+
+    cost: float
+    body: Body
+    shares: Float[Array, "_ G"]
+
+
 @dataclass
 class _Merging:
-    """Bodies by number while they are merged; their shares; growth of the score and the union of pairs."""
+    """Bodies by number while they are merged; their shares; the unions of pairs."""
 
     frames: Frames
     canonical: int
     borders: Borders
     body: dict[int, Body]
     shares: dict[int, Float[Array, "_ G"]]
-    pair: dict[tuple[int, int], tuple[float, Body]]
+    pair: dict[tuple[int, int], Union]
     possible: Bool[Array, "P P"]
 
     def untested(self) -> Iterator[tuple[int, int]]:
@@ -43,31 +53,30 @@ class _Merging:
                 if a < b and self.possible[a, b] and (a, b) not in self.pair:
                     yield a, b
 
-    def test(self, a: int, b: int) -> tuple[float, Body]:
+    def test(self, a: int, b: int) -> Union:
         A, B = self.body[a], self.body[b]
         border = border_between(self.borders, A.rows, B.rows, len(self.frames.points))
-        union, least = A, np.inf
         i, j = _sample(0, len(A)), _sample(len(A), len(B))
+        tries = []
         for T in (A.T, B.T):
             both = join(A.moved(T), B.moved(T))
             both = register(self.frames, self.canonical, both, ROUGH, asked=2 * ASKED, renew=False)
-            more_a = growth(self.shares[a][i], shares(self.frames, both, i)) * (len(A) / len(i))
-            more_b = growth(self.shares[b][j - len(A)], shares(self.frames, both, j)) * (len(B) / len(j))
-            grown = np.concatenate([more_a, more_b])
-            estimate = grown_with(grown, -1) - border
-            if estimate < least:
-                union, least = both, estimate
-        if least > HOPELESS * price(self.frames):
-            return least, union
-        union = register(self.frames, self.canonical, make_body(self.frames, np.sort(union.rows), union.T), FINE)
+            found = shares(self.frames, both, np.concatenate([i, j]))
+            more_a = growth(self.shares[a][i], found[: len(i)]) * (len(A) / len(i))
+            more_b = growth(self.shares[b][j - len(A)], found[len(i) :]) * (len(B) / len(j))
+            tries.append(Union(grown_with(np.concatenate([more_a, more_b]), -1) - border, both, found))
+        best = min(tries, key=lambda union: union.cost)
+        if best.cost > HOPELESS * price(self.frames):
+            return best
+        union = make_body(self.frames, np.sort(best.body.rows), best.body.T)
+        union = register(self.frames, self.canonical, union, FINE)
         before = np.concatenate([self.shares[a], self.shares[b]])[np.argsort(np.concatenate([A.rows, B.rows]))]
-        grown = growth(before, shares(self.frames, union))
-        return grown_with(grown, -1) - border, union
+        found = shares(self.frames, union)
+        return Union(grown_with(growth(before, found), -1) - border, union, found)
 
     def merge(self, a: int, b: int) -> None:
         """The second becomes part of the first."""
-        self.body[a] = self.pair[a, b][1]
-        self.shares[a] = shares(self.frames, self.body[a])
+        self.body[a], self.shares[a] = self.pair[a, b].body, self.pair[a, b].shares
         del self.body[b], self.shares[b]
         self.possible[a] |= self.possible[b]
         self.possible[:, a] |= self.possible[:, b]
@@ -108,8 +117,8 @@ def merge_bodies(frames: Frames, canonical: int, bodies: Bodies, tried: Bodies =
     for _ in rounds(told):
         pairs = list(state.untested())
         state.pair.update(zip(pairs, each(lambda pair: state.test(*pair), pairs), strict=True))
-        least, best = min(((found[0], e) for e, found in state.pair.items()), default=(np.inf, (0, 0)))
-        if least >= price(frames):
+        best = min(state.pair, key=lambda pair: state.pair[pair].cost, default=None)
+        if best is None or state.pair[best].cost >= price(frames):
             break
         state.merge(*best)
     return tuple(state.body.values())
