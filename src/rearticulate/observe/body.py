@@ -22,11 +22,12 @@ from rearticulate.geometry.robust import geman_mcclure
 from rearticulate.geometry.se3 import exp_se3, inverse, rotate_by, transform_by
 from rearticulate.observe.frames import NOISE_FLOOR, Frames
 from rearticulate.observe.misfit import evidence_frames
-from rearticulate.observe.planes import plane_layers, surroundings
+from rearticulate.observe.planes import Planes, find_planes, keep_planes, plane_layers
 from rearticulate.observe.register import CONVERGED, normal_equations, solve_twists
 
 EVIDENCE_FRAMES = 6  # that a point is looked for in, at most
 REACH = 3.0  # within it a frame has a point of the same surface
+LEAST = 4  # points that tell planes
 WITHIN = 0.7  # per squared spacing: half of what the nearest of fresh points in the plane costs, 2 pi density
 DENIED = 9.0  # misfit of a point that a frame does not confirm
 SURE = 2.2  # standard errors of a growth of misfit
@@ -45,14 +46,14 @@ SAME = 0.97  # share of the points of the larger of two bodies that are alike
 @dataclass(frozen=True)
 class Body:
     """rows (n,) of its points, frame (n,) of each; T (F, 4, 4) T_frame_canonical; points z (n, 3) and normals (n, 3) in
-    the canonical frame. near (n, K): neighbours among them (`observe.planes`), where they were asked for."""
+    the canonical frame. planes: of single points, where they were asked for."""
 
     rows: Int[Array, " n"]
     frame: Int[Array, " n"]
     T: Float[Array, "F 4 4"]
     z: Float[Array, "n 3"]
     normals: Float[Array, "n 3"]
-    near: Int[Array, "n K"] | None = None
+    planes: Planes | None = None
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -69,7 +70,7 @@ class Body:
         """The same points under another motion (F, 4, 4)."""
         D = inverse(T) @ self.T
         z, normals = transform_by(D, self.frame, self.z), rotate_by(D, self.frame, self.normals)
-        return replace(self, T=T, z=z, normals=normals)
+        return Body(self.rows, self.frame, T, z, normals)
 
 
 def join(a: Body, b: Body) -> Body:
@@ -90,12 +91,13 @@ def carried(frames: Frames, rows: Int[Array, " n"], T: Float[Array, "F 4 4"], no
     return Body(rows, frame, T, transform_by(back, frame, frames.points[rows]), rotate_by(back, frame, normals[rows]))
 
 
-def make_body(frames: Frames, rows: Int[Array, " n"], T: Float[Array, "F 4 4"]) -> Body:
-    """The body of these points under this motion, with new normals."""
+def make_body(frames: Frames, rows: Int[Array, " n"], T: Float[Array, "F 4 4"], before: Body | None = None) -> Body:
+    """The body of these points under this motion, with new normals. before: one of mostly the same points."""
+    if before is not None and np.array_equal(before.rows, rows):
+        return renewed(before.moved(T), before)
     frame = frames.frame[rows]
     z = transform_by(inverse(T), frame, frames.points[rows])
-    near = surroundings(z)
-    return Body(rows, frame, T, z, plane_layers(z, near)[1], near)
+    return renewed(Body(rows, frame, T, z, np.zeros_like(z)), before)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -250,17 +252,30 @@ def register(
     return renewed(body, before) if renew else body
 
 
-def renewed(body: Body, before: Body) -> Body:
-    """The body with new normals, among the neighbours of before where it has hardly moved since; not at all, not even
-    new normals."""
-    way = float(np.linalg.norm(body.z - before.z, axis=1).mean()) if len(body) else 0.0
-    if before.near is None or way > STAYED:
-        near = surroundings(body.z)
-    elif way > STILL:
-        near = before.near
-    else:
-        return replace(body, near=before.near)
-    return replace(body, normals=plane_layers(body.z, near)[1], near=near)
+def renewed(body: Body, before: Body | None = None) -> Body:
+    """The body with new normals. What was known of one of mostly the same points still holds where these have hardly
+    moved since; if they are all the same, so do the normals."""
+    if len(body) < LEAST:
+        return replace(body, normals=plane_layers(body.z)[1])
+    planes = find_planes(body.z, body.rows) if before is None else _known_planes(body, before)
+    if before is not None and planes is before.planes:
+        return replace(body, planes=planes)
+    return replace(body, normals=plane_layers(body.z, planes)[1], planes=planes)
+
+
+def _known_planes(body: Body, before: Body) -> Planes:
+    """Those of the body; that of before where nothing has changed."""
+    place = np.full(1 + max(body.rows.max(), before.rows.max(initial=0)), NONE)
+    place[before.rows] = np.arange(len(before))
+    place = place[body.rows]
+    kept = place >= 0
+    gap = body.z[kept] - before.z[place[kept]]
+    way = float(np.linalg.norm(gap, axis=1).mean()) if kept.any() else np.inf
+    if before.planes is None or way > STAYED:
+        return find_planes(body.z, body.rows)
+    if way <= STILL and kept.all() and len(body) == len(before):
+        return before.planes
+    return keep_planes(body.z, body.rows, before.planes, place, way > STILL)
 
 
 def alike(a: Body, b: Body) -> bool:

@@ -7,6 +7,8 @@ The plane of a point is the one through it and two neighbours that most neighbou
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numba
 import numpy as np
 
@@ -76,16 +78,16 @@ def draw_pair(state, n):
 
 
 @numba.njit(cache=True, nogil=True)
-def _planes(points, near, thickness, tries, share):
+def _planes(points, asked, near, names, thickness, tries, share):
     K = near.shape[1]
     enough = share * K
-    out = np.zeros((len(points), 3))
+    out = np.zeros((len(asked), 3))
     w, n, C = np.empty((K, 3)), np.empty(3), np.empty((3, 3))
-    for i in range(len(points)):
+    for i in range(len(asked)):
         for m in range(K):
             for c in range(3):
-                w[m, c] = points[near[i, m], c] - points[i, c]
-        state = first_state(i)
+                w[m, c] = points[near[i, m], c] - points[asked[i], c]
+        state = first_state(names[i])
         best, n[0], n[1], n[2] = 0.0, 0.0, 0.0, 1.0
         for _ in range(tries):
             state, a, b = draw_pair(state, K)
@@ -118,7 +120,8 @@ def plane_normals(
     """Unit normals of unknown sign of points, three at least. near: their neighbours, if known."""
     if near is None:
         near = nearest(search_tree(points), points, k=min(PLANE_NEIGHBOURS + 1, len(points)))[1][:, 1:]
-    return _planes(np.ascontiguousarray(points), near[:, :PLANE_NEIGHBOURS], thickness, TRIES, ENOUGH)
+    every = np.arange(len(points))
+    return _planes(np.ascontiguousarray(points), every, near[:, :PLANE_NEIGHBOURS], every, thickness, TRIES, ENOUGH)
 
 
 def neighbour_offsets(points: Float[Array, "N 3"]) -> Float[Array, " k"]:
@@ -187,25 +190,66 @@ def _grow(points, normals, near, order, slab, step, passes, smallest):
     return layer
 
 
-def surroundings(points: Float[Array, "N 3"]) -> Int[Array, "N K"]:
-    """Rows of the nearest other points of a cloud, for `plane_layers`."""
-    if len(points) < 2:
-        return np.zeros((len(points), 0), np.int64)
-    return nearest(search_tree(points), points, k=min(NEIGHBOURS + 1, len(points)))[1][:, 1:]
+@dataclass(frozen=True)
+class Planes:
+    """Of N points, four at least: near (N, K), rows of the nearest others of the cloud, and normals (N, 3) of the
+    planes through them that most of these lie in."""
+
+    near: Int[Array, "N K"]
+    normals: Float[Array, "N 3"]
+
+
+def find_planes(points: Float[Array, "N 3"], names: Int[Array, " N"]) -> Planes:
+    """Of a cloud. names: that choose the random tries of each point."""
+    near = nearest(search_tree(points), points, k=min(NEIGHBOURS + 1, len(points)))[1][:, 1:]
+    return Planes(near, _planes_at(points, np.arange(len(points)), near, names))
+
+
+def keep_planes(
+    points: Float[Array, "N 3"], names: Int[Array, " N"], old: Planes, place: Int[Array, " N"], again: bool
+) -> Planes:
+    """As `find_planes`, of a cloud of mostly the points of an old one. place: of each in that, -1 of new ones.
+
+    What the old planes tell still holds but for points that lost a neighbour, or to which a new point came nearer.
+    again: new normals for all.
+    """
+    K = min(NEIGHBOURS, len(points) - 1)
+    if old.near.shape[1] != K:
+        return find_planes(points, names)
+    new, kept = place < 0, np.flatnonzero(place >= 0)
+    now = np.full(len(old.near), -1)
+    now[place[kept]] = kept
+    near, normals = np.full((len(points), K), -1), np.zeros((len(points), 3))
+    near[kept], normals[kept] = now[old.near[place[kept]]], old.normals[place[kept]]
+    stale = (near < 0).any(axis=1)
+    if new.any():
+        radius = np.linalg.norm(points[near[:, -1]] - points, axis=1)
+        stale |= nearest(search_tree(points[new]), points, within=float(radius[~stale].max(initial=0.0)))[0] < radius
+    asked = np.flatnonzero(stale)
+    if len(asked):
+        near[asked] = nearest(search_tree(points), points[asked], k=K + 1)[1][:, 1:]
+    asked = np.arange(len(points)) if again else asked
+    normals[asked] = _planes_at(points, asked, near[asked], names[asked])
+    return Planes(near, normals)
+
+
+def _planes_at(
+    points: Float[Array, "N 3"], asked: Int[Array, " n"], near: Int[Array, "n K"], names: Int[Array, " n"]
+) -> Float[Array, "n 3"]:
+    return _planes(points, asked, near[:, :PLANE_NEIGHBOURS], names, 2 * SLAB, TRIES, ENOUGH)
 
 
 def plane_layers(
-    points: Float[Array, "N 3"], near: Int[Array, "N K"] | None = None, slab: float = SLAB
+    points: Float[Array, "N 3"], planes: Planes | None = None
 ) -> tuple[Int[Array, " N"], Float[Array, "N 3"]]:
     """Layer of every point of a cloud, -1 for none, and normals: of layers, or of single planes.
-    Lengths in spacings. near: `surroundings`, if known. Fewer than four points have no layers and any normals."""
+    Lengths in spacings. planes: if known. Fewer than four points have no layers and any normals."""
     if len(points) < 4:
         return np.full(len(points), -1), np.tile([0.0, 0.0, 1.0], (len(points), 1))
     points = np.ascontiguousarray(points)
-    near = surroundings(points) if near is None else near
-    normals = plane_normals(points, near, 2 * slab)
-    order = np.random.default_rng(0).permutation(len(points))
-    layer = _grow(points, normals, near, order, slab, STEP, PASSES, SMALLEST)
+    planes = find_planes(points, np.arange(len(points))) if planes is None else planes
+    normals, order = planes.normals.copy(), np.random.default_rng(0).permutation(len(points))
+    layer = _grow(points, normals, planes.near, order, SLAB, STEP, PASSES, SMALLEST)
     _smooth(points, layer, MANY, CURVED, normals)
     return layer, normals
 

@@ -24,7 +24,6 @@ from rearticulate.observe.body import (
     own_misfits,
     pair_equations,
     register,
-    renewed,
     shares,
     total,
 )
@@ -40,14 +39,11 @@ LEAST = 3  # points a frame of a body
 
 
 def make_bodies(frames: Frames, T: Float[Array, "F P 4 4"], labels: Int[Array, " M"], before: Bodies = ()) -> Bodies:
-    """One for each part of T and labels. before: of what has the same points and about the same motion the neighbours
-    or normals are kept."""
+    """One for each part of T and labels. before: bodies that may have mostly the same points and about the same
+    motion."""
 
     def make(p: int) -> Body:
-        rows = np.flatnonzero(labels == p)
-        if p < len(before) and np.array_equal(before[p].rows, rows):
-            return renewed(before[p].moved(T[:, p]), before[p])
-        return make_body(frames, rows, T[:, p])
+        return make_body(frames, np.flatnonzero(labels == p), T[:, p], before[p] if p < len(before) else None)
 
     return tuple(each(make, range(T.shape[1])))
 

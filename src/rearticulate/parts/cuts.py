@@ -4,6 +4,7 @@ Veksler & Zabih 2001). One expansion is a minimum cut: exactly the best set of p
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -32,6 +33,35 @@ class Borders:
     def between(self, labels: Int[Array, " M"]) -> float:
         """Cost of all borders of labels."""
         return float(self.cost[labels[self.i] != labels[self.j]].sum())
+
+    @cached_property
+    def _of_point(self) -> tuple[Int[Array, " 2E"], Int[Array, " _"]]:
+        """The pairs of each point, and where those of a point begin."""
+        points = np.concatenate([self.i, self.j])
+        order = np.argsort(points, kind="stable")
+        return order % max(len(self.i), 1), np.searchsorted(points[order], np.arange(points.max(initial=-1) + 2))
+
+    def grown(self, labels: Int[Array, " M"], members: Int[Array, " n"], p: int | np.integer) -> float:
+        """By how much the cost of all borders grows if members go to p."""
+        pairs, start = self._of_point
+        return _grown(self.i, self.j, self.cost, pairs, start, labels, members, p)
+
+
+@numba.njit(cache=True, nogil=True)
+def _grown(i, j, cost, pairs, start, labels, members, p):
+    goes = np.zeros(len(labels), np.bool_)
+    goes[members] = True
+    total = 0.0
+    for m in members:
+        if m + 1 >= len(start):
+            continue
+        for e in pairs[start[m] : start[m + 1]]:
+            other = j[e] if i[e] == m else i[e]
+            if goes[other]:  # the pair comes twice
+                total -= 0.5 * cost[e] * (labels[m] != labels[other])
+            else:
+                total += cost[e] * (int(labels[other] != p) - int(labels[m] != labels[other]))
+    return total
 
 
 @numba.njit(cache=True, nogil=True)

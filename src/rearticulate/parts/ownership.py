@@ -71,7 +71,7 @@ def costs(frames: Frames, bodies: Bodies, candidates: Bool[Array, "M P"]) -> Flo
 
 @dataclass
 class Ownership:
-    """Labels, normals in the points' frames and misfits now, while layers change sides."""
+    """Labels, normals in the points' frames and misfits now, while layers change sides. z: of `carried`, so far."""
 
     frames: Frames
     bodies: Bodies
@@ -79,6 +79,13 @@ class Ownership:
     normals: Float[Array, "M 3"]
     now: Float[Array, " M"]
     borders: Borders
+    z: dict[int, Float[Array, "M 3"]]
+
+    def carried(self, p: int | np.integer) -> Float[Array, "M 3"]:
+        """All points, at canonical, if they were of body p."""
+        if p not in self.z:
+            self.z[int(p)] = self.bodies[p].carry(self.frames, np.arange(len(self.labels)))[0]
+        return self.z[int(p)]
 
     def as_if(self, p: int | np.integer, rows: Int[Array, " n"]) -> Body:
         """These points as body p."""
@@ -88,13 +95,13 @@ class Ownership:
         """Give these points, with new normals, to body p if that lowers the cost by `least` at least."""
         labels, old = self.labels.copy(), self.normals[members]
         labels[members], self.normals[members] = p, normals
-        change = self.borders.between(labels) - self.borders.between(self.labels)
+        change = self.borders.grown(self.labels, members, p)
         affected = []
         losers = np.setdiff1d(self.labels[members], p)
         for q in [p, *losers]:  # first the one that gains: it pays for what others lose
-            spot = self.as_if(q, members if q == p else members[self.labels[members] == q]).z
-            cloud = self.as_if(q, np.flatnonzero(labels == q))
-            cloud = cloud.take(_in_box(cloud.z, spot, 2 * REACH))
+            z, now = self.carried(q), np.flatnonzero(labels == q)
+            spot = z[members if q == p else members[self.labels[members] == q]]
+            cloud = self.as_if(q, now[_in_box(z[now], spot, 2 * REACH)])
             if len(cloud):
                 asked = _in_box(cloud.z, spot, REACH)
                 value = own_misfits(cloud, self.frames.noise, asked)
@@ -123,7 +130,7 @@ def exchange(frames: Frames, bodies: Bodies, tried: Bodies = (), told: Told = un
     M, P = len(frames.points), len(bodies)
     labels, normals = labels_of(bodies, M), own_normals(bodies, M)
     borders = sheet_borders(frames, normals)
-    state = Ownership(frames, bodies, labels, normals, all_misfits(bodies, M, frames.noise), borders)
+    state = Ownership(frames, bodies, labels, normals, all_misfits(bodies, M, frames.noise), borders, {})
     edge = np.bincount(borders.i, borders.cost, minlength=M) + np.bincount(borders.j, borders.cost, minlength=M)
     near = candidates_near(frames, labels, P, FAR)
     chosen = [p for p, new in enumerate(fresh(bodies, tried)) if new]
@@ -141,7 +148,10 @@ def exchange(frames: Frames, bodies: Bodies, tried: Bodies = (), told: Told = un
             most = np.maximum(state.now[members] - fits[inside], 0.0).sum() + edge[members[taken]].sum()
             if np.count_nonzero(taken) >= LEAST_TAKEN and most > least:
                 state.give(p, members, planes[inside], least)
-    return group(frames, poses(bodies), state.labels, state.normals)
+    after = group(frames, poses(bodies), state.labels, state.normals)
+    return tuple(
+        old if np.array_equal(old.rows, new.rows) else new for old, new in zip(bodies, after, strict=True)
+    )
 
 
 def _layers(

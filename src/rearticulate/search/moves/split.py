@@ -173,7 +173,8 @@ def separate(
         for k in range(INNER):
             if min(len(labels) - labels.sum(), labels.sum()) < least:
                 return nothing(body)
-            two = [make_body(frames, body.rows[labels == p], motions[p]) for p in (0, 1)]
+            last_two = two or [body, body]
+            two = [make_body(frames, body.rows[labels == p], motions[p], last_two[p]) for p in (0, 1)]
             if k == 0:
                 two = [register(frames, canonical, each, SCALES) for each in two]
                 motions = [each.T for each in two]
@@ -186,7 +187,8 @@ def separate(
             break
     if min(len(labels) - labels.sum(), labels.sum()) < least:
         return nothing(body)
-    two = [register(frames, canonical, make_body(frames, body.rows[labels == p], motions[p]), SCALES) for p in (0, 1)]
+    two = [make_body(frames, body.rows[labels == p], motions[p], two[p]) for p in (0, 1)]
+    two = [register(frames, canonical, each, SCALES) for each in two]
     return more(frames, before, labels == 1, two) + within.between(labels), two[0], two[1]
 
 

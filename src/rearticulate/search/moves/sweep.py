@@ -3,8 +3,6 @@ are tried over the whole range, one weak direction at a time, against the canoni
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from rearticulate.arrays import Array, Float
@@ -64,7 +62,7 @@ def sweep(frames: Frames, canonical: int, body: Body) -> Body:
         rows = body.frame == f
         T[f] = T[f] @ inverse(D)
         z[rows], normals[rows] = transform(D, there.z), rotate(D, there.normals)
-    return register(frames, canonical, replace(body, T=T, z=z, normals=normals), SCALES) if moved else body
+    return register(frames, canonical, Body(body.rows, body.frame, T, z, normals), SCALES) if moved else body
 
 
 def _misfit(here: Body, there: Body, D: Float[Array, "4 4"], noise: float) -> float:
