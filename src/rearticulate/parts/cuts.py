@@ -93,6 +93,23 @@ def _weights(points, normals, near, distance, scale, offset_scale, agreement, ke
             out[i, m] *= strength / max(total, isolated)
 
 
+@numba.njit(cache=True, nogil=True)
+def _pairs(weight, chosen, least):
+    """Points i, j of which one has the other among its neighbours, once each, and the sum of their weights."""
+    i, j, cost, n = np.empty(weight.size, np.int64), np.empty(weight.size, np.int64), np.empty(weight.size), 0
+    for a in range(len(weight)):
+        for k in range(weight.shape[1]):
+            b, both, known = chosen[a, k], weight[a, k], False
+            if both <= 0:
+                continue
+            for m in range(weight.shape[1]):
+                if chosen[b, m] == a and weight[b, m] > 0:
+                    both, known = both + weight[b, m], b < a
+            if not known and both > least:
+                i[n], j[n], cost[n], n = min(a, b), max(a, b), both, n + 1
+    return i[:n], j[:n], cost[:n]
+
+
 def sheet_borders(frames: Frames, normals: Float[Array, "M 3"]) -> Borders:
     """Neighbours that lie in the same sheet, told by normals."""
     M, (near, distance) = len(frames.points), frames.surroundings
@@ -100,12 +117,7 @@ def sheet_borders(frames: Frames, normals: Float[Array, "M 3"]) -> Borders:
     _weights(
         frames.points, normals, near, distance, DISTANCE, OFFSET, AGREEMENT, KEPT, STRENGTH, ISOLATED, weight, chosen
     )
-    i, k = np.nonzero(weight > 0)
-    a, b = np.sort(np.stack([i, chosen[i, k]]), axis=0)
-    key, place = np.unique(a * M + b, return_inverse=True)
-    cost = np.bincount(place, weight[i, k]).astype(float)
-    kept = cost > 1 / UNIT
-    return Borders(key[kept] // M, key[kept] % M, cost[kept])
+    return Borders(*_pairs(weight, chosen, 1 / UNIT))
 
 
 def expand(cost: Float[Array, "M P"], labels: Int[Array, " M"], borders: Borders, part: int) -> Int[Array, " M"]:

@@ -133,7 +133,7 @@ def by_motions(
     if not motions:
         return []
     whole, out = stronger(within, WHOLE[0]), []
-    first, *others = (denials(make_body(frames, body.rows, motion), frames.noise) for motion in (body.T, *motions))
+    first, *others = (denials(make_body(frames, body.rows, T, body), frames.noise) for T in (body.T, *motions))
     for T, second in zip(motions, others, strict=True):
         cost = np.stack([first, second], axis=1)
         labels = np.zeros(len(body), dtype=np.int64)
