@@ -3,21 +3,24 @@ information (cheap, no search for neighbours), then against all points (bundle a
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from rearticulate.arrays import Array, Float, Int
 from rearticulate.geometry.robust import geman_mcclure
 from rearticulate.geometry.se3 import inverse, log_se3
 from rearticulate.joints.articulated import Articulated, gauss_newton_step
+from rearticulate.observe.body import HELD, INNER, find_pairs
 from rearticulate.observe.frames import Frames
 from rearticulate.observe.fused import points_behind
 from rearticulate.observe.register import CONVERGED
+from rearticulate.parallel import each
 from rearticulate.parts.bodies import Bodies, bodies_equations, make_bodies
 from rearticulate.progress import Told, untold
 
 SIGMA_WIDE, SIGMA = 1.5, 0.56  # robust scales of a point, first and usual, in spacings
 FINE, FINE_NOISE, FINE_MAX = 0.2, 2.5, 0.8  # the last scale: at least, in units of the noise, at most
-INNER = 4
 POSE_STEPS = 15
 POSE_SIGMA = 1.0  # robust scale of a part's misfit to its free pose, in spacings
 
@@ -73,7 +76,9 @@ def bundle_adjust(
         moved = bodies
         for k in range(INNER):
             told((i + k / INNER) / len(sigmas))
-            H, g = bodies_equations(moved, sigma)
+            if k % HELD == 0:
+                pairs = each(partial(find_pairs, sigma=sigma), moved)
+            H, g = bodies_equations(moved, sigma, pairs)
             last, model = model, gauss_newton_step(model, canonical, H, g)
             if np.abs(model.q - last.q).max() < CONVERGED and np.abs(model.twist - last.twist).max() < CONVERGED:
                 break

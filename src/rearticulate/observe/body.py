@@ -33,8 +33,8 @@ DENIED = 9.0  # misfit of a point that a frame does not confirm
 SURE = 2.2  # standard errors of a growth of misfit
 VAGUE = 6.0  # misfit up to which a point is not denied: it may have a neighbour that the draw missed
 NONE, HERE = -1, -2  # instead of a partner: the frame has none, or is the point's own
-ASKED = 3000  # points of a body that take part in a registration
-INNER = 3
+ASKED = 1500  # points of a body that take part in a registration
+INNER, HELD = 4, 2  # steps of a registration at one robust scale, and those from the same pairs
 POINT_SHARE = 0.02  # of the squared distance of a pair in what is robust in a registration ...
 POINT_WEIGHT = 0.01  # ... and in what it brings together
 MAX_STEP = 0.5
@@ -213,22 +213,37 @@ def denials(body: Body, noise: float) -> Float[Array, " n"]:
     return denied(misfit).sum(axis=1) / others(partner)
 
 
-def pair_equations(body: Body, sigma: float, stride: int = 1) -> tuple[Float[Array, "F 6 6"], Float[Array, "F 6"]]:
-    """Normal equations H (F, 6, 6), g (F, 6) of left twists, at canonical, of every frame's points onto the planes of
-    their partners. The pairs of a point count as one observation in all, half of it for the partners' frames.
+@dataclass(frozen=True)
+class Pairs:
+    """Points of a body and their partners in other frames: numbers here (m,), there (m,) of both, and weight (m,), by
+    which the pairs of a point count as one observation in all, half of it for the partners' frames."""
 
-    sigma: robust scale. stride: every stride-th point is asked, and counts for as many.
-    """
-    z, frame, F = body.z[::stride], body.frame[::stride], len(body.T)
+    here: Int[Array, " m"]
+    there: Int[Array, " m"]
+    weight: Float[Array, " m"]
+
+
+def find_pairs(body: Body, sigma: float, stride: int = 1) -> Pairs:
+    """sigma: robust scale of a registration. stride: every stride-th point is asked, and counts for as many."""
+    z, frame = body.z[::stride], body.frame[::stride]
     partner = partners(z, frame, body, max(2 * NOISE_FLOOR, sigma / 3))[1]
     i, g = np.nonzero(partner >= 0)
-    j = partner[i, g]
-    z, other, n = z[i], body.z[j], body.normals[j]
+    return Pairs(i * stride, partner[i, g], 0.5 * stride / others(partner)[i])
+
+
+def pair_equations(
+    body: Body, sigma: float, pairs: Pairs | None = None
+) -> tuple[Float[Array, "F 6 6"], Float[Array, "F 6"]]:
+    """Normal equations H (F, 6, 6), g (F, 6) of left twists, at canonical, of every frame's points onto the planes of
+    their partners. sigma: robust scale. pairs: those of all points where not given."""
+    pairs = find_pairs(body, sigma) if pairs is None else pairs
+    here, there, F = pairs.here, pairs.there, len(body.T)
+    z, other, n = body.z[here], body.z[there], body.normals[there]
     gap = z - other
     w = geman_mcclure(np.einsum("ni,ni->n", gap, n) ** 2 + POINT_SHARE * np.einsum("ni,ni->n", gap, gap), sigma)
-    w *= 0.5 * stride / others(partner)[i]
-    H_here, g_here = normal_equations(z, other, n, w, POINT_WEIGHT * w, frame[i], F)
-    H_there, g_there = normal_equations(other, z, n, w, POINT_WEIGHT * w, body.frame[j], F)
+    w *= pairs.weight
+    H_here, g_here = normal_equations(z, other, n, w, POINT_WEIGHT * w, body.frame[here], F)
+    H_there, g_there = normal_equations(other, z, n, w, POINT_WEIGHT * w, body.frame[there], F)
     return H_here + H_there, g_here + g_there
 
 
@@ -242,8 +257,10 @@ def register(
     F, stride = frames.n_frames, max(1, len(body) // asked)
     before = body
     for sigma in sigmas:
-        for _ in range(INNER):
-            step = (F - 1) / F * solve_twists(*pair_equations(body, sigma, stride))  # all frames move at once
+        for k in range(INNER):
+            if k % HELD == 0:
+                pairs = find_pairs(body, sigma, stride)
+            step = (F - 1) / F * solve_twists(*pair_equations(body, sigma, pairs))  # all frames move at once
             D = exp_se3(np.clip(step, -MAX_STEP, MAX_STEP))
             D = inverse(D[canonical]) @ D
             body = body.moved(body.T @ inverse(D))

@@ -16,6 +16,7 @@ from rearticulate.geometry.se3 import adjoint, inverse, rotate_by
 from rearticulate.observe.body import (
     EVIDENCE_FRAMES,
     Body,
+    Pairs,
     alike,
     carried,
     grown_with,
@@ -143,10 +144,12 @@ def border_between(borders: Borders, a: Int[Array, " A"], b: Int[Array, " B"], M
     return float(borders.cost[side[borders.i] * side[borders.j] == 2].sum())
 
 
-def bodies_equations(bodies: Bodies, sigma: float) -> tuple[Float[Array, "F P 6 6"], Float[Array, "F P 6"]]:
+def bodies_equations(
+    bodies: Bodies, sigma: float, pairs: Sequence[Pairs] = ()
+) -> tuple[Float[Array, "F P 6 6"], Float[Array, "F P 6"]]:
     """Normal equations H, g of left twists of the poses T. A left twist of a frame's points at canonical is -inv(T)
-    (twist) T of its pose."""
-    found = each(lambda body: pair_equations(body, sigma), bodies)
+    (twist) T of its pose. pairs: of each body, where they are known."""
+    found = each(lambda p: pair_equations(bodies[p], sigma, pairs[p] if pairs else None), range(len(bodies)))
     H, g = (np.stack(each, axis=1) for each in zip(*found, strict=True))
     A = adjoint(inverse(poses(bodies)))
     A_t = np.swapaxes(A, -1, -2)

@@ -15,7 +15,7 @@ from rearticulate.observe.body import Body, denied, partners
 from rearticulate.observe.misfit import evidence_frames
 
 FEW = 3  # frames that tell which screws are worth a try
-ASKED = 500  # points of a frame of a body
+ASKED = 300  # points of a frame of a body
 SEEN = 8  # points of a frame of a body, at least
 STEP, MOST = 0.7, 40  # spacings; steps to each side
 
