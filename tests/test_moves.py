@@ -71,14 +71,14 @@ def test_halves_of_one_part_are_merged_and_parts_are_not(hinge: Case, part: int)
 
 
 def test_two_parts_in_one_body_are_split_and_parts_are_not(hinge: Case) -> None:
-    slow = case(objects.hinge(), step=4)
+    slow = case(objects.hinge(), step=4, seed=3)
     frames, T, labels = slow
     one = settled(frames, 2, make_bodies(frames, T[:, :1], np.zeros_like(labels)), (0.5, 0.3))
     two = split_bodies(frames, 2, one)
-    assert len(two) == 2 and score(frames, two) < score(frames, one)
+    assert len(two) > 1 and score(frames, two) < score(frames, one)
     found = explain(frames, 2, one, FitConfig())
     lowest = score(frames, found)
-    assert agreement(slow, found) > 0.93 and lowest < 1.1 * score(frames, bodies_of(slow))
+    assert len(found) == 2 and agreement(slow, found) > 0.97 and lowest < 1.1 * score(frames, bodies_of(slow))
     assert len(split_bodies(hinge[0], 2, bodies_of(hinge))) == 2
 
 

@@ -22,6 +22,13 @@ class Cells:
     size: float
     shape: Int[Array, " 3"]
 
+    def around(self, places: Float[Array, "n 3"]) -> tuple[Int[Array, "n 3"], Int[Array, " k"]]:
+        """Cell (n, 3) of each of any places, and those that lie in the grid or right beside it, cell by cell."""
+        cell = ((places - self.low) // self.size).astype(np.int64)
+        near = np.flatnonzero(((cell >= -1) & (cell <= self.shape)).all(axis=1))
+        x, y, z = (cell[near] + 1).T
+        return cell, near[np.argsort((x * (self.shape[1] + 2) + y) * (self.shape[2] + 2) + z)]
+
 
 @numba.njit(cache=True, nogil=True)
 def _sort(points, low, size, shape):

@@ -101,29 +101,64 @@ def make_body(frames: Frames, rows: Int[Array, " n"], T: Float[Array, "F 4 4"], 
 
 
 @numba.njit(cache=True, nogil=True)
-def _best_partners(z, own, start, low, size, shape, cloud, normals, target, row, noise, within, reach, misfit, partner):
-    """For each point z, of the points of each target frame but its own in the cells around it, the one that fits
-    best."""
-    for i in range(len(z)):
-        if own[i] >= 0:
-            misfit[i, own[i]], partner[i, own[i]] = 0.0, HERE
-        x, y, u = int((z[i, 0] - low[0]) // size), int((z[i, 1] - low[1]) // size), int((z[i, 2] - low[2]) // size)
-        first, last = max(u - 1, 0), min(u + 2, shape[2])
-        if first >= last:
-            continue
-        for a in range(max(x - 1, 0), min(x + 2, shape[0])):
-            for b in range(max(y - 1, 0), min(y + 2, shape[1])):
+def _same(a, b):
+    return a[0] == b[0] and a[1] == b[1] and a[2] == b[2]
+
+
+@numba.njit(cache=True, nogil=True)
+def _gather(cell, start, shape, cloud, target, first, near, name):
+    """Sort what lies in the cells around one by target: columns (6, k) of the cloud and names, first (G + 1,) of each
+    target."""
+    below, above = max(cell[2] - 1, 0), min(cell[2] + 2, shape[2])
+    free = np.empty(len(first), np.int64)
+    for filling in (False, True):  # first they are counted
+        free[:] = first
+        first[1:] = 0
+        for a in range(max(cell[0] - 1, 0), min(cell[0] + 2, shape[0])):
+            for b in range(max(cell[1] - 1, 0), min(cell[1] + 2, shape[1])):
                 base = (a * shape[1] + b) * shape[2]
-                for j in range(start[base + first], start[base + last]):
-                    g, dx, dy, dz = target[j], z[i, 0] - cloud[j, 0], z[i, 1] - cloud[j, 1], z[i, 2] - cloud[j, 2]
-                    square = dx * dx + dy * dy + dz * dz
-                    if square > reach * reach or within * square >= misfit[i, g]:
-                        continue
-                    across = normals[j, 0] * dx + normals[j, 1] * dy + normals[j, 2] * dz
-                    across *= across
-                    cost = across / (noise * noise) + within * max(square - across, 0.0)
-                    if cost < misfit[i, g]:
-                        misfit[i, g], partner[i, g] = cost, row[j]
+                for j in range(start[base + below], start[base + above]):
+                    k = free[target[j]]
+                    free[target[j]] += 1
+                    first[target[j] + 1] += 1
+                    if filling:
+                        name[k] = j
+                        for c in range(6):
+                            near[c, k] = cloud[c, j]
+        for g in range(len(first) - 1):
+            first[g + 1] += first[g]
+
+
+@numba.njit(cache=True, nogil=True)
+def _best_partners(z, order, place, start, shape, cloud, target, row, noise, within, reach, misfit, partner):
+    """For each point z, of the points of each target frame but its own in the cells around it, the one that fits
+    best. Points in the same cell, one after the other in `order`, are asked together. cloud (6, m): coordinates and
+    normals."""
+    m = len(row)
+    first, name = np.zeros(misfit.shape[1] + 1, np.int64), np.empty(m, np.int64)
+    near, cost = np.empty((6, m)), np.empty(m)
+    x, y, u, nx, ny, nz = near[0], near[1], near[2], near[3], near[4], near[5]
+    for w, i in enumerate(order):
+        before = order[max(w - 1, 0)]
+        if w == 0 or not _same(place[i], place[before]):
+            _gather(place[i], start, shape, cloud, target, first, near, name)
+        px, py, pz = z[i, 0], z[i, 1], z[i, 2]
+        for g in range(misfit.shape[1]):
+            if partner[i, g] == HERE:
+                continue
+            best, who = np.inf, NONE
+            for k in range(first[g], first[g + 1]):  # without branches: several at a time
+                dx, dy, dz = px - x[k], py - y[k], pz - u[k]
+                square = dx * dx + dy * dy + dz * dz
+                across = nx[k] * dx + ny[k] * dy + nz[k] * dz
+                across *= across
+                value = across / (noise * noise) + within * max(square - across, 0.0)
+                cost[k] = value if square <= reach * reach else np.inf
+            for k in range(first[g], first[g + 1]):
+                if cost[k] < best:
+                    best, who = cost[k], k
+            if who >= 0:
+                misfit[i, g], partner[i, g] = best, row[name[who]]
 
 
 def partners(
@@ -134,13 +169,17 @@ def partners(
     targets = evidence_frames(len(body.T), EVIDENCE_FRAMES) if targets is None else targets
     slot = np.full(len(body.T), NONE)
     slot[targets] = np.arange(len(targets))
-    members = np.flatnonzero(slot[body.frame] >= 0)
+    members, own = np.flatnonzero(slot[body.frame] >= 0), slot[frame]
     cells = sort_into_cells(body.z[members], REACH)
     row = members[cells.order]
+    cloud = np.ascontiguousarray(np.concatenate([body.z[row], body.normals[row]], axis=1).T)
     misfit, partner = np.full((len(z), len(targets)), np.inf), np.full((len(z), len(targets)), NONE)
+    here = np.flatnonzero(own >= 0)
+    misfit[here, own[here]], partner[here, own[here]] = 0.0, HERE
+    place, order = cells.around(z)
     _best_partners(
-        z, slot[frame], cells.start, cells.low, cells.size, cells.shape, body.z[row], body.normals[row],
-        slot[body.frame[row]], row, noise, WITHIN, REACH, misfit, partner,
+        z, order, place, cells.start, cells.shape, cloud, slot[body.frame[row]], row, noise, WITHIN, REACH,
+        misfit, partner,
     )  # fmt: skip
     return np.minimum(misfit, DENIED), partner
 

@@ -35,7 +35,7 @@ class Borders:
         return float(self.cost[labels[self.i] != labels[self.j]].sum())
 
     @cached_property
-    def _of_point(self) -> tuple[Int[Array, " 2E"], Int[Array, " _"]]:
+    def _of_point(self) -> tuple[Int[Array, " _"], Int[Array, " _"]]:
         """The pairs of each point, and where those of a point begin."""
         points = np.concatenate([self.i, self.j])
         order = np.argsort(points, kind="stable")

@@ -134,33 +134,36 @@ def exchange(frames: Frames, bodies: Bodies, tried: Bodies = (), told: Told = un
     edge = np.bincount(borders.i, borders.cost, minlength=M) + np.bincount(borders.j, borders.cost, minlength=M)
     near = candidates_near(frames, labels, P, FAR)
     chosen = [p for p, new in enumerate(fresh(bodies, tried)) if new]
-    for p, told_one in zip(chosen, steps(told, len(chosen)), strict=True):
+    layers = each(lambda p: _layers(frames, state, p, near[:, p]), chosen)
+    for p, found, told_one in zip(chosen, layers, steps(told, len(chosen)), strict=True):
         told_one(0.0)
-        members_of, fits, layer, planes = _layers(frames, state, p, near[:, p])
-        sizes = np.bincount(layer[layer >= 0], minlength=1)
-        for k in np.argsort(-sizes, kind="stable"):
-            if sizes[k] < LEAST_LAYER:
-                break
-            inside = layer == k
-            members = members_of[inside]
-            taken = state.labels[members] != p
+        for layer in found:
+            taken = state.labels[layer.rows] != p
             least = GAIN * np.count_nonzero(taken)
-            most = np.maximum(state.now[members] - fits[inside], 0.0).sum() + edge[members[taken]].sum()
+            most = np.maximum(state.now[layer.rows] - layer.fits, 0.0).sum() + edge[layer.rows[taken]].sum()
             if np.count_nonzero(taken) >= LEAST_TAKEN and most > least:
-                state.give(p, members, planes[inside], least)
+                state.give(p, layer.rows, layer.normals, least)
     after = group(frames, poses(bodies), state.labels, state.normals)
-    return tuple(
-        old if np.array_equal(old.rows, new.rows) else new for old, new in zip(bodies, after, strict=True)
-    )
+    return tuple(old if np.array_equal(old.rows, new.rows) else new for old, new in zip(bodies, after, strict=True))
 
 
-def _layers(
-    frames: Frames, state: Ownership, p: int, near: Bool[Array, " M"]
-) -> tuple[Int[Array, " n"], Float[Array, " n"], Int[Array, " n"], Float[Array, "n 3"]]:
-    """The points near body p that its motion explains, their misfits, layers and normals in their frames."""
+@dataclass(frozen=True)
+class Layer:
+    """Points (n,) of one flat layer under a body's motion: their misfits, and their normals in their frames."""
+
+    rows: Int[Array, " n"]
+    fits: Float[Array, " n"]
+    normals: Float[Array, "n 3"]
+
+
+def _layers(frames: Frames, state: Ownership, p: int, near: Bool[Array, " M"]) -> list[Layer]:
+    """Of the points near body p that its motion explains, the largest first."""
     rows = np.flatnonzero(near | (state.labels == p))
     anyone = state.as_if(p, rows)
     fits = own_misfits(anyone, frames.noise)
     kept = np.flatnonzero((fits < FITS) | (state.labels[rows] == p))
     layer, planes = plane_layers(anyone.z[kept])
-    return rows[kept], fits[kept], layer, rotate_by(anyone.T, anyone.frame[kept], planes)
+    normals = rotate_by(anyone.T, anyone.frame[kept], planes)
+    members = np.split(np.argsort(layer, kind="stable"), np.cumsum(np.bincount(layer + 1)))[1:]
+    members = sorted((m for m in members if len(m) >= LEAST_LAYER), key=len, reverse=True)
+    return [Layer(rows[kept[m]], fits[kept[m]], normals[m]) for m in members]

@@ -17,7 +17,7 @@ from rearticulate.observe.misfit import evidence_frames
 FEW = 3  # frames that tell which screws are worth a try
 ASKED = 300  # points of a frame of a body
 SEEN = 8  # points of a frame of a body, at least
-STEP, MOST = 0.7, 40  # spacings; steps to each side
+STEP, MOST = 0.7, 40  # spacings; steps to each side, at most
 
 
 def screws(body: Body, other: Body | None) -> Float[Array, "k 6"]:
@@ -41,7 +41,8 @@ def slides(
     if canonical not in shown or len(shown) < 2:
         return []
     shown.remove(canonical)
-    sizes = STEP * np.arange(-MOST, MOST + 1)
+    most = min(MOST, int(np.linalg.norm(np.ptp(body.z, axis=0)) / STEP))  # farther nothing of it meets
+    sizes = STEP * np.arange(-most, most + 1)
     few = [shown[k] for k in evidence_frames(len(shown), FEW)]
     curves = [{f: _curve(canonical, body, noise, sizes, twist, f) for f in few} for twist in twists]
     promise = np.array([np.mean([np.median(c) - c.min() for c in found.values()]) for found in curves])

@@ -56,7 +56,7 @@ def sweep(frames: Frames, canonical: int, body: Body) -> Body:
             count = int(min(REACH * rms_radius(there.z) / STEP, MOST))
             sizes = STEP * np.arange(-count, count + 1)
             shifts = exp_se3(sizes[:, None] * twist) @ D
-            cost = np.array([_misfit(here, there, shift, frames.noise) for shift in shifts])
+            cost = _misfits(here, there, shifts, frames.noise)
             if cost.min() < cost[count] - WORTH:
                 D, moved = shifts[int(cost.argmin())], True
         rows = body.frame == f
@@ -65,9 +65,11 @@ def sweep(frames: Frames, canonical: int, body: Body) -> Body:
     return register(frames, canonical, Body(body.rows, body.frame, T, z, normals), SCALES) if moved else body
 
 
-def _misfit(here: Body, there: Body, D: Float[Array, "4 4"], noise: float) -> float:
-    """Of the points of two frames to each other, one of them moved by D."""
-    f, c = int(there.frame[0]), int(here.frame[0])
-    forth = partners(transform(D, there.z), there.frame, here, noise, [c])[0]
-    back = partners(transform(inverse(D), here.z), here.frame, there, noise, [f])[0]
-    return float(forth.sum() + back.sum())
+def _misfits(here: Body, there: Body, D: Float[Array, "S 4 4"], noise: float) -> Float[Array, " S"]:
+    """Of the points of two frames to each other, those of the second moved by each D."""
+    out = np.zeros(len(D))
+    for body, other, moves in ((there, here, D), (here, there, inverse(D))):
+        moved = transform(moves[:, None], body.z).reshape(-1, 3)
+        frame = np.full(len(moved), body.frame[0])
+        out += partners(moved, frame, other, noise, [int(other.frame[0])])[0].reshape(len(D), -1).sum(axis=1)
+    return out
