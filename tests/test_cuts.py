@@ -49,3 +49,13 @@ def test_without_borders_every_point_takes_the_cheapest() -> None:
     for part in range(3):
         labels = expand(cost, labels, none, part)
     assert np.array_equal(labels, cost.argmin(axis=1))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_borders_grow_by_is_the_difference_of_their_cost(seed: int) -> None:
+    _, labels, borders = problem(seed, n=60, parts=4)
+    members = np.random.default_rng(seed).choice(60, 15, replace=False)
+    after = labels.copy()
+    after[members] = 2
+    expected = borders.between(after) - borders.between(labels)
+    assert borders.grown(labels, members, 2) == pytest.approx(expected, abs=1e-9)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rearticulate.observe.planes import plane_layers, plane_normals
+from rearticulate.observe.planes import find_planes, keep_planes, plane_layers, plane_normals
 
 DENSITY = 0.22  # points of a frame per squared spacing
 
@@ -62,3 +62,16 @@ def test_few_points(n: int) -> None:
     layer, normals = plane_layers(np.random.default_rng(0).normal(size=(n, 3)))
     assert len(layer) == len(normals) == n
     assert np.allclose(np.linalg.norm(normals, axis=1), 1)
+
+
+def test_neighbours_that_are_kept_are_those_of_a_new_search() -> None:
+    rng = np.random.default_rng(4)
+    everything = rng.uniform(0, 20, (3000, 3)) * [1, 1, 0.02]
+    before, after = np.arange(2500), np.sort(np.r_[np.arange(60, 2500), rng.choice(500, 80, replace=False) + 2500])
+    place = np.where(after < 2500, after, -1)
+    kept = keep_planes(everything[after], find_planes(everything[before]), place, again=False)
+    fresh = find_planes(everything[after])
+    assert np.array_equal(kept.near, fresh.near)
+    assert np.mean(np.abs(np.einsum("ni,ni->n", kept.normals, fresh.normals)) > 0.95) > 0.9
+    again = keep_planes(everything[after], find_planes(everything[before]), place, again=True)
+    assert np.array_equal(again.normals, fresh.normals)

@@ -313,7 +313,7 @@ def renewed(body: Body, before: Body | None = None) -> Body:
     moved since; if they are all the same, so do the normals."""
     if len(body) < LEAST:
         return replace(body, normals=plane_layers(body.z)[1])
-    planes = find_planes(body.z, body.rows) if before is None else _known_planes(body, before)
+    planes = find_planes(body.z) if before is None else _known_planes(body, before)
     if before is not None and planes is before.planes:
         return replace(body, planes=planes)
     return replace(body, normals=plane_layers(body.z, planes)[1], planes=planes)
@@ -328,10 +328,10 @@ def _known_planes(body: Body, before: Body) -> Planes:
     gap = body.z[kept] - before.z[place[kept]]
     way = float(np.linalg.norm(gap, axis=1).mean()) if kept.any() else np.inf
     if before.planes is None or way > STAYED:
-        return find_planes(body.z, body.rows)
+        return find_planes(body.z)
     if way <= STILL and kept.all() and len(body) == len(before):
         return before.planes
-    return keep_planes(body.z, body.rows, before.planes, place, way > STILL)
+    return keep_planes(body.z, before.planes, place, way > STILL)
 
 
 def alike(a: Body, b: Body) -> bool:

@@ -78,7 +78,7 @@ def draw_pair(state, n):
 
 
 @numba.njit(cache=True, nogil=True)
-def _planes(points, asked, near, names, thickness, tries, share):
+def _planes(points, asked, near, thickness, tries, share):
     K = near.shape[1]
     enough = share * K
     out = np.zeros((len(asked), 3))
@@ -87,7 +87,7 @@ def _planes(points, asked, near, names, thickness, tries, share):
         for m in range(K):
             for c in range(3):
                 w[m, c] = points[near[i, m], c] - points[asked[i], c]
-        state = first_state(names[i])
+        state = first_state(asked[i])
         best, n[0], n[1], n[2] = 0.0, 0.0, 0.0, 1.0
         for _ in range(tries):
             state, a, b = draw_pair(state, K)
@@ -121,7 +121,7 @@ def plane_normals(
     if near is None:
         near = nearest(search_tree(points), points, k=min(PLANE_NEIGHBOURS + 1, len(points)))[1][:, 1:]
     every = np.arange(len(points))
-    return _planes(np.ascontiguousarray(points), every, near[:, :PLANE_NEIGHBOURS], every, thickness, TRIES, ENOUGH)
+    return _planes(np.ascontiguousarray(points), every, near[:, :PLANE_NEIGHBOURS], thickness, TRIES, ENOUGH)
 
 
 def neighbour_offsets(points: Float[Array, "N 3"]) -> Float[Array, " k"]:
@@ -199,15 +199,13 @@ class Planes:
     normals: Float[Array, "N 3"]
 
 
-def find_planes(points: Float[Array, "N 3"], names: Int[Array, " N"]) -> Planes:
-    """Of a cloud. names: that choose the random tries of each point."""
+def find_planes(points: Float[Array, "N 3"]) -> Planes:
+    """Of a cloud."""
     near = nearest(search_tree(points), points, k=min(NEIGHBOURS + 1, len(points)))[1][:, 1:]
-    return Planes(near, _planes_at(points, np.arange(len(points)), near, names))
+    return Planes(near, _planes_at(points, np.arange(len(points)), near))
 
 
-def keep_planes(
-    points: Float[Array, "N 3"], names: Int[Array, " N"], old: Planes, place: Int[Array, " N"], again: bool
-) -> Planes:
+def keep_planes(points: Float[Array, "N 3"], old: Planes, place: Int[Array, " N"], again: bool) -> Planes:
     """As `find_planes`, of a cloud of mostly the points of an old one. place: of each in that, -1 of new ones.
 
     What the old planes tell still holds but for points that lost a neighbour, or to which a new point came nearer.
@@ -215,7 +213,7 @@ def keep_planes(
     """
     K = min(NEIGHBOURS, len(points) - 1)
     if old.near.shape[1] != K:
-        return find_planes(points, names)
+        return find_planes(points)
     new, kept = place < 0, np.flatnonzero(place >= 0)
     now = np.full(len(old.near), -1)
     now[place[kept]] = kept
@@ -229,14 +227,12 @@ def keep_planes(
     if len(asked):
         near[asked] = nearest(search_tree(points), points[asked], k=K + 1)[1][:, 1:]
     asked = np.arange(len(points)) if again else asked
-    normals[asked] = _planes_at(points, asked, near[asked], names[asked])
+    normals[asked] = _planes_at(points, asked, near[asked])
     return Planes(near, normals)
 
 
-def _planes_at(
-    points: Float[Array, "N 3"], asked: Int[Array, " n"], near: Int[Array, "n K"], names: Int[Array, " n"]
-) -> Float[Array, "n 3"]:
-    return _planes(points, asked, near[:, :PLANE_NEIGHBOURS], names, 2 * SLAB, TRIES, ENOUGH)
+def _planes_at(points: Float[Array, "N 3"], asked: Int[Array, " n"], near: Int[Array, "n K"]) -> Float[Array, "n 3"]:
+    return _planes(points, asked, near[:, :PLANE_NEIGHBOURS], 2 * SLAB, TRIES, ENOUGH)
 
 
 def plane_layers(
@@ -247,7 +243,7 @@ def plane_layers(
     if len(points) < 4:
         return np.full(len(points), -1), np.tile([0.0, 0.0, 1.0], (len(points), 1))
     points = np.ascontiguousarray(points)
-    planes = find_planes(points, np.arange(len(points))) if planes is None else planes
+    planes = find_planes(points) if planes is None else planes
     normals, order = planes.normals.copy(), np.random.default_rng(0).permutation(len(points))
     layer = _grow(points, normals, planes.near, order, SLAB, STEP, PASSES, SMALLEST)
     _smooth(points, layer, MANY, CURVED, normals)

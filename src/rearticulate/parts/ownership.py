@@ -134,10 +134,9 @@ def exchange(frames: Frames, bodies: Bodies, tried: Bodies = (), told: Told = un
     edge = np.bincount(borders.i, borders.cost, minlength=M) + np.bincount(borders.j, borders.cost, minlength=M)
     near = candidates_near(frames, labels, P, FAR)
     chosen = [p for p, new in enumerate(fresh(bodies, tried)) if new]
-    layers = each(lambda p: _layers(frames, state, p, near[:, p]), chosen)
-    for p, found, told_one in zip(chosen, layers, steps(told, len(chosen)), strict=True):
+    for p, told_one in zip(chosen, steps(told, len(chosen)), strict=True):
         told_one(0.0)
-        for layer in found:
+        for layer in _layers(frames, state, p, near[:, p]):
             taken = state.labels[layer.rows] != p
             least = GAIN * np.count_nonzero(taken)
             most = np.maximum(state.now[layer.rows] - layer.fits, 0.0).sum() + edge[layer.rows[taken]].sum()
